@@ -8,16 +8,18 @@ Python and each other; what they share of Warp's own work is guarded by its lock
 from __future__ import annotations
 
 import os
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, wait
 from weakref import WeakKeyDictionary
 
 import warp as wp
+
+from .thread_pool import ThreadPool
 
 __all__ = ["compile_ahead", "wait_for"]
 
 _MOST_THREADS = 8
 _running: WeakKeyDictionary[wp.Module, Future[None]] = WeakKeyDictionary()
-_pool: ThreadPoolExecutor | None = None
+_pool = ThreadPool(min(_MOST_THREADS, os.cpu_count() or 1), "compile")
 
 
 def compile_ahead(kernel: wp.Kernel, block_dim: int, device: str) -> None:
@@ -30,7 +32,6 @@ def compile_ahead(kernel: wp.Kernel, block_dim: int, device: str) -> None:
         block_dim: Threads of a block that it is launched with; on the CPU Warp takes 1.
         device: ``"cpu"`` or ``"cuda:N"``.
     """
-    global _pool
     module = kernel.module
     if module in _running or module.execs or (os.cpu_count() or 1) < 2:
         return
@@ -38,8 +39,7 @@ def compile_ahead(kernel: wp.Kernel, block_dim: int, device: str) -> None:
     if module.options["block_dim"] != block_dim:
         module.options["block_dim"] = block_dim
         module.mark_modified()  # else a hash of before would name the files
-    _pool = _pool or ThreadPoolExecutor(min(_MOST_THREADS, os.cpu_count() or 1), thread_name_prefix="compile")
-    _running[module] = _pool.submit(_compile, module, device)
+    _running[module] = _pool.executor.submit(_compile, module, device)
 
 
 def _compile(module: wp.Module, device: str) -> None:
@@ -56,12 +56,6 @@ def wait_for(kernel: wp.Kernel) -> None:
         wait([compiling])
 
 
-def _forget_threads() -> None:
-    """Forget what the process compiles that this one was forked from: its threads do not come along."""
-    global _pool
-    _pool = None
-    _running.clear()
-
-
 if hasattr(os, "register_at_fork"):  # not on Windows
-    os.register_at_fork(after_in_child=_forget_threads)
+    # What the parent of a forked process compiles never ends here: its threads do not come along.
+    os.register_at_fork(after_in_child=_running.clear)

@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import os
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +12,7 @@ import warp as wp
 
 from stripe_newton import compile_ahead as module_under_test
 from stripe_newton.compile_ahead import compile_ahead, wait_for
+from tests.helpers.forked import run_forked
 
 
 def _kernel(folder: Path, line: str) -> wp.Kernel:
@@ -80,19 +79,13 @@ def test_a_forked_process_does_not_wait_for_threads_that_it_has_not(tmp_path, mo
     monkeypatch.setattr(module_under_test, "_compile", lambda module, device: may_go_on.wait(10.0))
     kernel = _kernel(tmp_path, "x[i] = 3.0")
     compile_ahead(kernel, 128, "cpu")
-    child = os.fork()
-    if child == 0:
+
+    def launch_and_compile() -> int:
         wait_for(kernel)
         compile_ahead(kernel, 128, "cpu")
-        os._exit(7 if kernel.module in module_under_test._running else 8)
-    end, ended = time.monotonic() + 20.0, (0, 0)
-    while ended[0] == 0 and time.monotonic() < end:
-        ended = os.waitpid(child, os.WNOHANG)
-        time.sleep(0.01)
-    if ended[0] == 0:
-        os.kill(child, 9)
-        os.waitpid(child, 0)
+        return 7 if kernel.module in module_under_test._running else 8
+
+    code = run_forked(launch_and_compile)
     may_go_on.set()
     wait_for(kernel)
-    assert os.waitstatus_to_exitcode(ended[1]) == 7
-    assert ended[0] == child
+    assert code == 7

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """PPO kernels: loss of a minibatch with its gradient, and the gradient of an ELU with that of the bias before it."""
 
+from typing import Any
+
 import warp as wp
 
 __all__ = [
@@ -10,7 +12,6 @@ __all__ = [
     "elu_gradient_bf16",
     "finish_ppo_loss",
     "gather_inputs",
-    "gather_inputs_bf16",
     "ppo_loss",
 ]
 
@@ -23,22 +24,6 @@ LOSS_TERMS = 3
 _HALF_LOG_2PI = wp.constant(0.9189385332046727)
 
 
-@wp.func
-def _input(
-    row: int,
-    column: int,
-    rows: wp.array2d[float],
-    first: int,
-    mean: wp.array2d[float],
-    std: wp.array2d[float],
-    eps: float,
-) -> float:
-    value = rows[row, column]
-    if mean:
-        value = (value - mean[0, first + column]) / (std[0, first + column] + eps)
-    return value
-
-
 @wp.kernel(enable_backward=False)
 def gather_inputs(
     picked: wp.array[wp.int64],
@@ -47,7 +32,7 @@ def gather_inputs(
     mean: wp.array2d[float],
     std: wp.array2d[float],
     eps: float,
-    out: wp.array2d[float],
+    out: wp.array2d[Any],
 ):
     """Gather observations of samples, normalised; launch ``(m, w)`` threads.
 
@@ -58,25 +43,17 @@ def gather_inputs(
         mean: Running means, ``(1, columns)``, or nothing for no normalisation.
         std: Running standard deviations, ``(1, columns)``.
         eps: Added to the deviations.
-        out: Inputs of a network, ``(m, columns)``.
+        out: Inputs of a network, float32 or bfloat16, ``(m, columns)``.
     """
     i, j = wp.tid()
-    out[i, first + j] = _input(int(picked[i]), j, rows, first, mean, std, eps)
+    value = rows[int(picked[i]), j]
+    if mean:
+        value = (value - mean[0, first + j]) / (std[0, first + j] + eps)
+    out[i, first + j] = out.dtype(value)
 
 
-@wp.kernel(enable_backward=False)
-def gather_inputs_bf16(
-    picked: wp.array[wp.int64],
-    rows: wp.array2d[float],
-    first: int,
-    mean: wp.array2d[float],
-    std: wp.array2d[float],
-    eps: float,
-    out: wp.array2d[wp.bfloat16],
-):
-    """:func:`gather_inputs` to bfloat16."""
-    i, j = wp.tid()
-    out[i, first + j] = wp.bfloat16(_input(int(picked[i]), j, rows, first, mean, std, eps))
+for _number in (wp.float32, wp.bfloat16):  # known before the module is compiled, so that it is compiled once
+    wp.overload(gather_inputs, {"out": wp.array2d[_number]})
 
 
 @wp.func

@@ -42,7 +42,7 @@ class ArticulationStructs:
             cfg = SceneEntityCfg(argument if argument in there or len(there) != 1 else there[0])
         binding.asset = binding.asset or cfg  # the first one is what joint_ids and body_ids are of
         data = binding.context.asset(cfg.name).data
-        binding.refuse(data.unavailable, cfg.name)
+        binding.check_available(data.unavailable, cfg.name)
         return binding.context.scope.name(cfg.name, data.struct)
 
 

@@ -123,6 +123,9 @@ def _dispatch(args: list[str], is_program: bool = False) -> int:
         from .kernel_warmup import start_early  # here, as processes run that module as a program
 
         start_early(_device_of(args[0], words))
+        from .quick_imports import import_quickly  # likewise
+
+        import_quickly()
     return importlib.import_module(COMMANDS[args[0]][0]).run(words)
 
 

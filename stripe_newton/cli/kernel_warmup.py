@@ -203,6 +203,9 @@ def compile_shares(device: str, shares: Sequence[Sequence[str]]) -> bool:
 
     Warp is imported and not initialised when it forks: a CUDA driver that was initialised before would be of no use.
     """
+    from .quick_imports import skip_module_references  # here, as the parent process needs it not
+
+    skip_module_references()
     for name in (name for share in shares for name in share):
         importlib.import_module(name)
     forked = []

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from stripe_newton.rl.distributed import LAUNCHER, exchange, join, tell, world
+from stripe_newton.rl.distributed import LAUNCHER, exchange, join, send_to_launcher, world
 
 from .run_configs import Configs
 from .shell_command import command
@@ -98,5 +98,5 @@ def split_over_ranks(configs: Configs) -> None:
 def run_folder_of_all(path: Path | None) -> Path:
     """The run folder of rank 0, in every rank; only rank 0 gives one."""
     found = Path(next(given for given in exchange(None if path is None else str(path)) if given is not None))
-    tell("run_folder", str(found))
+    send_to_launcher("run_folder", str(found))
     return found

@@ -179,14 +179,14 @@ class HookPart:
         self._recorder.run(self.hook)
 
     @property
-    def joins(self) -> bool:
+    def is_capturable(self) -> bool:
         """Whether its launches may be part of a graph now."""
         return self._recorder.joined(self.hook)
 
     @property
-    def how(self) -> str:
+    def status(self) -> str:
         """Way in which it runs, for the description."""
-        return "graph, torch" if self.joins else f"eager: torch hook; {why_eager(self.hook)}"
+        return "graph, torch" if self.is_capturable else f"eager: torch hook; {why_eager(self.hook)}"
 
     def launch(self) -> Sequence[Callable[[], None]]:
         """Launch the hook within a recording."""
@@ -201,15 +201,15 @@ class PhysicsPart:
         self._env, self._recorder, self.hook = env, recorder, hook
 
     @property
-    def joins(self) -> bool:
+    def is_capturable(self) -> bool:
         """Whether it may be part of a graph now."""
         return self._recorder.joined(self.hook)
 
     @property
-    def how(self) -> str:
+    def status(self) -> str:
         """Way in which it runs, for the description."""
-        how = f"eager: torch hook; {why_eager(self.hook)}; the physics is one CUDA graph"
-        return "graph, torch" if self.joins else how
+        eager = f"eager: torch hook; {why_eager(self.hook)}; the physics is one CUDA graph"
+        return "graph, torch" if self.is_capturable else eager
 
     def launch(self) -> Sequence[Callable[[], None]]:
         """Launch hook and physics within a recording."""
@@ -233,7 +233,7 @@ class ResetPart:
         env_ids: The environments that the hook is called with, int64.
     """
 
-    joins = False
+    is_capturable = False
     """The host must know their number before it can choose the graph."""
     LEAST, STEP = 16, 4
     """Smallest number with a graph that stands for others, and the factor from one such number to the next. More of
@@ -293,7 +293,7 @@ class ResetPart:
         return self._rows[1]
 
     @property
-    def how(self) -> str:
+    def status(self) -> str:
         """Way in which it runs, for the description."""
         hook, why = self.hook, self.hook.why_not_padded
         if self._recorder.replayed(hook) and (why or not self._size_for(1)):
@@ -304,7 +304,7 @@ class ResetPart:
         return f"eager: torch hook; {why_eager(self.hook)}"
 
     def launch(self) -> Sequence[Callable[[], None]]:
-        """Not possible: see :attr:`joins`."""
+        """Not possible: see :attr:`is_capturable`."""
         raise NotRecordable("the number of environments that are reset is not known beforehand")
 
 

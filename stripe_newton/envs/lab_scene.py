@@ -330,9 +330,9 @@ class LabScene(SteppedScene):
         # Made last, when every parameter that a curriculum may change exists. The log runs beside the rest: no kernel
         # of this step reads it.
         end = self.curriculum_manager.update_items()
-        log = Captured("log", context.log.finish, beside=True, fields=frozenset())
+        log = Captured("log", context.log.finish, concurrent=True, fields=frozenset())
         readers = [*record.post_reset_items(), *commands, *end, *observed, *observe, *actions, *apply]
-        self._bodies_later = self._may_leave_bodies(readers)
+        self._defers_bodies = self._can_defer_bodies(readers)
         after_physics = [
             *([Stage("measurements", measured)] if measured else []),
             Stage("outcome", only(outcome, in_step)),
@@ -341,7 +341,7 @@ class LabScene(SteppedScene):
             Stage("reset", reset),
             Stage("events", only(events, in_step)),
             Stage("objects", only(objects, in_step)),
-            Stage("forward kinematics", [*safety.forward(later=self._bodies_later), *record.post_reset_items()]),
+            Stage("forward kinematics", [*safety.forward(deferred=self._defers_bodies), *record.post_reset_items()]),
             Stage("commands", commands),
             Stage("log", [*end, log]),
             Stage("sensors", observed),
@@ -383,7 +383,7 @@ class LabScene(SteppedScene):
         )
         return [item for manager in managers for item in manager.reset_instance_items()]
 
-    def _may_leave_bodies(self, readers: list[Item]) -> bool:
+    def _can_defer_bodies(self, readers: list[Item]) -> bool:
         """Whether nothing needs the bodies between the reset and the next physics step, which computes them anyway.
 
         Args:

@@ -24,7 +24,7 @@ class OutputBlock:
         self._arrays: dict[str, wp.array] = {}
         self._chunks: list[torch.Tensor] = []
         self._used: list[int] = []
-        self._places: dict[str, tuple[int, int, torch.dtype, tuple[int, ...]]] = {}
+        self._layout: dict[str, tuple[int, int, torch.dtype, tuple[int, ...]]] = {}
 
     def reserve(self, name: str, dtype: type, shape: tuple[int, ...]) -> wp.array:
         """An array of zeros in the block.
@@ -41,7 +41,7 @@ class OutputBlock:
                 self._chunks.append(torch.zeros(max(self._capacity, size), dtype=torch.uint8, device=self._device))
             self._used.append(0)
         start = self._used[-1]
-        self._places[name] = len(self._chunks) - 1, start, kind, shape
+        self._layout[name] = len(self._chunks) - 1, start, kind, shape
         self._used[-1] = start + (size + _ALIGN - 1) // _ALIGN * _ALIGN
         self._arrays[name] = wp.from_torch(self._view(self._chunks[-1], name), dtype=dtype)
         return self._arrays[name]
@@ -56,15 +56,15 @@ class OutputBlock:
         return self._arrays[name]
 
     def _view(self, chunk: torch.Tensor, name: str) -> torch.Tensor:
-        _, start, kind, shape = self._places[name]
+        _, start, kind, shape = self._layout[name]
         count = int(torch.Size(shape).numel())
         return chunk[start : start + kind.itemsize * count].view(kind).view(shape)
 
     def views(self) -> dict[str, torch.Tensor]:
         """The arrays themselves as tensors, by name. Every step overwrites them."""
-        return {name: self._view(self._chunks[place[0]], name) for name, place in self._places.items()}
+        return {name: self._view(self._chunks[entry[0]], name) for name, entry in self._layout.items()}
 
     def take(self) -> dict[str, torch.Tensor]:
         """Copies of the arrays by name. The tensors of one call share one block of memory, and with nothing else."""
         fresh = [chunk[: min(n, chunk.numel())].clone() for chunk, n in zip(self._chunks, self._used, strict=True)]
-        return {name: self._view(fresh[place[0]], name) for name, place in self._places.items()}
+        return {name: self._view(fresh[entry[0]], name) for name, entry in self._layout.items()}

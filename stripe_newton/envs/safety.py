@@ -126,19 +126,19 @@ class Safety:
         line = self._context.code("{episode.length}[env] = wp.int64(0)")
         return Section("episode_start", [line]).only(self._context.is_reset)
 
-    def forward(self, later: bool = False) -> list[Item]:
+    def forward(self, deferred: bool = False) -> list[Item]:
         """Forward kinematics where joints were written, and cleared solver memory where an episode began.
 
         Args:
-            later: Leave forward kinematics to :meth:`Simulation.flush`, as the rest of the step reads no body.
+            deferred: Leave forward kinematics to :meth:`Simulation.flush`, as the rest of the step reads no body.
         """
         follows = self._context.code("{moved}[env] or {reset}[env]")
         lines = [code("{}[env, {}] = {}", self._articulation_mask, a, follows) for a in range(self._per_env)]
         items: list[Item] = [Section("masks", lines)]
-        if not later:
+        if not deferred:
             items.append(Captured("forward kinematics", self._sim.forward_masked))
         # It may run beside the items that follow: only the physics of the next step reads the solver's memory.
-        clear = Captured("solver memory cleared", self._clear_solver, beside=True, fields=frozenset())
+        clear = Captured("solver memory cleared", self._clear_solver, concurrent=True, fields=frozenset())
         return [*items, clear]
 
     def _clear_solver(self) -> None:

@@ -270,10 +270,10 @@ class SteppedScene:
         self.plan.compile_ahead()  # of all stages, as the first step follows
         self.plan.run_without_graph(self._reset_stages)
         self._stepping.fill_(1)
-        self._leave_bodies_for_later()
+        self._defer_body_update()
         self.context.log.clear()  # episodes that a caller cuts off are not logged: they say nothing of the policy
         self.obs_buf = self._collect_observations(self.outputs.take())
-        self.extras["log"] = _own(self.extras.get("log") or {})
+        self.extras["log"] = _cloned(self.extras.get("log") or {})
         return self.obs_buf, self.extras
 
     _reset_stages: ClassVar[tuple[str, ...]] = ("reset", "forward kinematics", "sensors", "observations")
@@ -402,14 +402,14 @@ class SteppedScene:
         """
         self._check_open()
         self.count_step()
-        self._leave_bodies_for_later()
+        self._defer_body_update()
         self.raise_for_actions()
         self.sim.end_step()
         # All results lie in one block of memory, so this is one copy.
         values = self.outputs.take()
         self.obs_buf = self._collect_observations(values)
         self.extras |= self._final_extras(values)
-        self.extras["log"] = _own(self.extras.get("log") or {}) | self._log(values)
+        self.extras["log"] = _cloned(self.extras.get("log") or {}) | self._log(values)
         return self.obs_buf, self._rewards(values), values["terminated"], values["truncated"], self.extras
 
     def why_not_capturable(self) -> str:
@@ -427,12 +427,12 @@ class SteppedScene:
         """Observations by group in the memory that every step overwrites, rather than in new tensors."""
         return self._collect_observations(self.outputs.views())
 
-    def _leave_bodies_for_later(self) -> None:
+    def _defer_body_update(self) -> None:
         """Leave forward kinematics after a reset to the next reader, where nothing in the plan reads a body."""
-        if self._bodies_later:
-            self.sim.forward_later()
+        if self._defers_bodies:
+            self.sim.defer_forward()
 
-    _bodies_later = False
+    _defers_bodies = False
     """Whether forward kinematics after a reset waits until the next read of a body, as no term in between reads one."""
 
     def _log(self, values: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
@@ -690,7 +690,7 @@ class SteppedScene:
         return []
 
 
-def _own(values: Extras) -> Extras:
+def _cloned(values: Extras) -> Extras:
     """A copy of a dict with its tensors."""
     return {k: v.clone() if isinstance(v, torch.Tensor) else v for k, v in values.items()}
 

@@ -82,7 +82,7 @@ def _argument(
         return fixed[name]
     if name == "out" and term_kind == "observation":
         return OUT
-    known = _known_by_name(context, name) if name not in binding.params else None
+    known = _context_argument(context, name) if name not in binding.params else None
     if known is not None:
         return known
     if wp.types.type_is_struct(kind):
@@ -94,7 +94,7 @@ def _argument(
     raise ArgumentError(f"is of type {getattr(kind, '__name__', kind)}, which no term can have")
 
 
-def _known_by_name(context: BindingContext, name: str) -> Code | None:
+def _context_argument(context: BindingContext, name: str) -> Code | None:
     """Source code of an argument that every environment has; None for other names."""
     if name == "env":
         return Code("env")

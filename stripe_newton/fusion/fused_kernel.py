@@ -63,7 +63,7 @@ def fuse(name: str, sections: Sequence[Section], scope: Scope, num_envs: int, de
     """
     source = write_kernel(name, sections, scope, num_envs)
     compiled = _compiled(name, source)
-    counts = [num_envs] if source.layout.neighbours else []
+    counts = [num_envs] if source.layout.coalesced else []
     launch = {
         "dim": source.layout.dim(num_envs),
         "inputs": [*counts, *(scope.values[v] for v in source.arguments)],
@@ -79,10 +79,10 @@ class _Compiled:
     path: Path
     kernel: wp.Kernel
     aliases: dict[str, object]
-    """Functions and structs of the kernel. Held here, as ``_KNOWN`` tells kernels apart by their identities."""
+    """Functions and structs of the kernel. Held here, as ``_COMPILED`` tells kernels apart by their identities."""
 
 
-_KNOWN: dict[tuple[Hashable, ...], _Compiled] = {}
+_COMPILED: dict[tuple[Hashable, ...], _Compiled] = {}
 
 
 def _compiled(name: str, source: KernelSource) -> _Compiled:
@@ -92,17 +92,16 @@ def _compiled(name: str, source: KernelSource) -> _Compiled:
     kernel is compiled once, in this process and in later ones.
     """
     called = {f.adj.source for own in source.functions for f in (own, *usage_of(own).calls)}
-    baked = "".join([source.text, *sorted(called)])
-    digest = hashlib.sha256(baked.encode()).hexdigest()[:12]
+    digest = hashlib.sha256("".join([source.text, *sorted(called)]).encode()).hexdigest()[:12]
     key = (digest, *sorted((alias, id(thing)) for alias, thing in source.aliases.items()))
-    if key not in _KNOWN:
+    if key not in _COMPILED:
         path = write_generated(f"{name}_{digest}.py", source.text)
         module = f"stripe_newton.generated.{name}_{digest}"
         # Equal source code may call different functions, for example of a module that was loaded twice. Warp would mix
         # them up if both modules had the same name.
-        again = sum(known[0] == digest for known in _KNOWN)
-        space = {"wp": wp, "__name__": f"{module}_{again}" if again else module, **source.aliases}
+        equal = sum(other[0] == digest for other in _COMPILED)
+        space = {"wp": wp, "__name__": f"{module}_{equal}" if equal else module, **source.aliases}
         # Warp reads the source code of a kernel back from the file that its code object names.
         exec(compile(source.text, str(path), "exec"), space)
-        _KNOWN[key] = _Compiled(path, space[name], source.aliases)
-    return _KNOWN[key]
+        _COMPILED[key] = _Compiled(path, space[name], source.aliases)
+    return _COMPILED[key]

@@ -30,25 +30,25 @@ class ThreadLayout:
     """Thread layout of a launch: the environment, and the part of a section, that each thread computes.
 
     Without parts there is a thread for each environment. With parts the launch has the shape ``(parts, num_envs)``, so
-    that neighbouring threads are environments. In sections with ``neighbours`` neighbouring threads are parts of one
-    environment instead; these come last, and the launch is then one-dimensional.
+    that consecutive threads are environments. In ``coalesced`` sections consecutive threads are parts of one
+    environment instead; their threads come last, and the launch is then one-dimensional.
     """
 
     parts: int
     """Number of parts of all sections; 0 if there are none."""
-    neighbours: int
-    """Number of parts that are neighbouring threads."""
+    coalesced: int
+    """Number of parts of coalesced sections."""
 
     @staticmethod
     def of(sections: Sequence[Section]) -> ThreadLayout:
         """The layout for some sections."""
-        return ThreadLayout(sum(s.parts for s in sections), sum(s.parts for s in sections if s.neighbours))
+        return ThreadLayout(sum(s.parts for s in sections), sum(s.parts for s in sections if s.coalesced))
 
     def dim(self, num_envs: int) -> tuple[int, ...]:
         """Dimensions of the launch."""
         if not self.parts:
             return (num_envs,)
-        return (self.parts * num_envs,) if self.neighbours else (self.parts, num_envs)
+        return (self.parts * num_envs,) if self.coalesced else (self.parts, num_envs)
 
     @property
     def block_dim(self) -> int:
@@ -61,17 +61,18 @@ class ThreadLayout:
         """Lines that compute the environment and the part of a thread."""
         if not self.parts:
             return ["env = wp.tid()"]
-        if not self.neighbours:
+        if not self.coalesced:
             return ["part, env = wp.tid()"]
-        apart, near = self.parts - self.neighbours, self.neighbours
-        if not apart:
-            return ["thread = wp.tid()", f"env = thread // {near}", f"part = {apart} + thread % {near}"]
+        last = self.coalesced
+        first = self.parts - last  # parts of the other sections
+        if not first:
+            return ["thread = wp.tid()", f"env = thread // {last}", f"part = thread % {last}"]
         return [
             "thread = wp.tid()",
             "part, env = thread // num_envs, thread % num_envs",
-            f"if thread >= {apart} * num_envs:",
-            f"    env = (thread - {apart} * num_envs) // {near}",
-            f"    part = {apart} + (thread - {apart} * num_envs) % {near}",
+            f"if thread >= {first} * num_envs:",
+            f"    env = (thread - {first} * num_envs) // {last}",
+            f"    part = {first} + (thread - {first} * num_envs) % {last}",
         ]
 
 
@@ -100,7 +101,7 @@ def write_kernel(name: str, sections: Sequence[Section], scope: Scope, num_envs:
     Sections without parts run one after the other in the thread of an environment. Sections with parts run in threads
     of their own, at the same time. A kernel has sections of one of these two kinds.
     """
-    ordered = sorted(sections, key=lambda section: section.neighbours)
+    ordered = sorted(sections, key=lambda section: section.coalesced)
     layout, aliases = ThreadLayout.of(ordered), dict[str, object]()
     functions, calls, first = [], [], 0
     titles = _titles(ordered, scope)
@@ -112,7 +113,7 @@ def write_kernel(name: str, sections: Sequence[Section], scope: Scope, num_envs:
         first += section.parts
     arguments = scope.used(frozenset().union(*(s.uses for s in ordered)))[0]
     parameters = _parameters(arguments, scope, aliases)
-    if layout.neighbours:
+    if layout.coalesced:
         parameters = ", ".join(["num_envs: int", parameters])
     if not layout.parts:
         ahead = _prefetch(scope, arguments, ordered, aliases, num_envs)

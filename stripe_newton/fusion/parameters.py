@@ -15,7 +15,7 @@ import warp as wp
 from stripe_kernels.data import Parameter
 
 from .scope import Scope
-from .source import Code, TunedNumber, code
+from .source import Code, ParameterRead, code
 
 __all__ = ["ParameterKind", "ParameterValue", "Parameters"]
 
@@ -46,7 +46,7 @@ class Parameters:
         """Integers and booleans, int32."""
         self._names = scope.name("parameters", self.floats), scope.name("int_parameters", self.ints)
         self._used = [0, 0]
-        self._places: dict[str, tuple[ParameterKind, int]] = {}
+        self._slots: dict[str, tuple[ParameterKind, int]] = {}
 
     def add(self, path: str, value: ParameterValue, kind: ParameterKind) -> Code:
         """Store a parameter and return the expression that reads it in generated source code.
@@ -59,15 +59,15 @@ class Parameters:
         Raises:
             ValueError: if ``value`` does not fit ``kind``, or there are too many parameters.
         """
-        if path not in self._places:
+        if path not in self._slots:
             whole, size = kind in (int, bool), _VECTORS.get(kind, 1)
             if self._used[whole] + size > _CAPACITY:
                 raise ValueError(f"{path}: more than {_CAPACITY} parameters; keep large tables in arrays")
-            self._places[path] = kind, self._used[whole]
+            self._slots[path] = kind, self._used[whole]
             try:
                 self[path] = value
             except ValueError:
-                del self._places[path]
+                del self._slots[path]
                 raise
             self._used[whole] += size
         else:
@@ -86,13 +86,13 @@ class Parameters:
                 array[:count] = values
 
     def _expression(self, path: str) -> Code:
-        kind, index = self._places[path]
+        kind, index = self._slots[path]
         floats, ints = self._names
         if kind is bool:
             return code("({}[{}] != 0)", ints, index)
         if kind in (int, float):
             number = code("{}[{}]", floats if kind is float else ints, index)
-            return TunedNumber(number.text, number.uses)
+            return ParameterRead(number.text, number.uses)
         parts = [code("{}[{}]", floats, index + k) for k in range(_VECTORS[kind])]
         name = kind.__name__.removesuffix("f")
         return code(f"wp.{name}({', '.join(['{}'] * len(parts))})", *parts)
@@ -103,14 +103,14 @@ class Parameters:
         Raises:
             KeyError: if there is no such parameter.
         """
-        return self._place(path)[1]
+        return self._slot(path)[1]
 
     def paths(self) -> list[str]:
         """Paths of all parameters."""
-        return list(self._places)
+        return list(self._slots)
 
     def __contains__(self, path: str) -> bool:
-        return path in self._places
+        return path in self._slots
 
     def __getitem__(self, path: str) -> float | tuple[float, ...]:
         """The current value. It waits for the device.
@@ -118,7 +118,7 @@ class Parameters:
         Raises:
             KeyError: if there is no such parameter.
         """
-        kind, index = self._place(path)
+        kind, index = self._slot(path)
         tensor = wp.to_torch(self.ints if kind in (int, bool) else self.floats)
         values = tensor[index : index + _VECTORS.get(kind, 1)].tolist()
         return tuple(values) if kind in _VECTORS else kind(values[0])
@@ -130,7 +130,7 @@ class Parameters:
             KeyError: if there is no such parameter.
             ValueError: if the value does not fit its kind.
         """
-        kind, index = self._place(path)
+        kind, index = self._slot(path)
         size = _VECTORS.get(kind, 1)
         if isinstance(value, torch.Tensor):
             value = value.tolist()
@@ -154,8 +154,8 @@ class Parameters:
             KeyError: if there is no such parameter, or it is not a float.
         """
         base, _, element = path.rpartition(".")
-        inside = path not in self._places and element.isdigit() and base in self._places
-        kind, index = self._place(base if inside else path)
+        inside = path not in self._slots and element.isdigit() and base in self._slots
+        kind, index = self._slot(base if inside else path)
         if inside and int(element) < _VECTORS.get(kind, 0):
             kind, index = float, index + int(element)
         if kind is not float:
@@ -164,9 +164,9 @@ class Parameters:
         reference.values, reference.index = self.floats, index
         return reference
 
-    def _place(self, path: str) -> tuple[ParameterKind, int]:
-        if path not in self._places:
-            near = difflib.get_close_matches(path, self._places, n=3, cutoff=0.4)
+    def _slot(self, path: str) -> tuple[ParameterKind, int]:
+        if path not in self._slots:
+            near = difflib.get_close_matches(path, self._slots, n=3, cutoff=0.4)
             hint = f"; near it: {', '.join(near)}" if near else ""
             raise KeyError(f"no parameter '{path}'{hint}")
-        return self._places[path]
+        return self._slots[path]

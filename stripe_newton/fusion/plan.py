@@ -30,7 +30,8 @@ class _Operation:
     name: str
     launch: Callable[[], None]
     fused: FusedKernel | None = None
-    beside: bool = False
+    concurrent: bool = False
+    """Whether later operations of its graph may run at the same time."""
 
 
 @dataclass
@@ -42,9 +43,9 @@ class _Segment:
     stage: str = ""
 
     @property
-    def joins(self) -> bool:
+    def is_capturable(self) -> bool:
         """Whether it may be a part of a graph now."""
-        return self.eager is None or (self.eager.part is not None and self.eager.part.joins)
+        return self.eager is None or (self.eager.part is not None and self.eager.part.is_capturable)
 
 
 @dataclass
@@ -58,7 +59,7 @@ class _Block:
 
     @property
     def is_graph(self) -> bool:
-        return self.segments[0].joins
+        return self.segments[0].is_capturable
 
     @property
     def is_mixed(self) -> bool:
@@ -71,7 +72,7 @@ class Plan:
 
     The first run launches kernel by kernel, which loads the kernels; then the graphs are recorded. On the CPU, and
     without ``use_graph``, every run launches kernel by kernel. Host functions that may be recorded join the graphs
-    beside them while they say so; call :meth:`recapture` when they change their mind.
+    before and after them while they are capturable; call :meth:`recapture` when that changes.
     """
 
     record_mixed: Callable[[Callable[[], None]], Callable[[], None]]
@@ -84,7 +85,7 @@ class Plan:
         """Whether runs replay CUDA graphs."""
         self._device = device
         self._side_streams: list[wp.Stream] = []
-        self._segments = _Cutter(name, scope, num_envs, device).cut(stages)
+        self._segments = _SegmentBuilder(name, scope, num_envs, device).build(stages)
         self._recorded: list[_Block] = []
 
     @property
@@ -100,14 +101,14 @@ class Plan:
     @property
     def eager(self) -> list[tuple[str, str, str]]:
         """Stage, name and reason of each host function that is in no graph."""
-        alone = [(s.stage, s.eager) for s in self._segments if s.eager is not None and not s.joins]
-        return [(stage, e.name, (e.part.how if e.part else "") or e.reason) for stage, e in alone]
+        alone = [(s.stage, s.eager) for s in self._segments if s.eager is not None and not s.is_capturable]
+        return [(stage, e.name, (e.part.status if e.part else "") or e.reason) for stage, e in alone]
 
     def _blocks(self) -> list[_Block]:
         """The segments, with those together that may be one graph now."""
         blocks: list[_Block] = []
         for segment in self._segments:
-            if blocks and blocks[-1].is_graph and segment.joins:
+            if blocks and blocks[-1].is_graph and segment.is_capturable:
                 blocks[-1].segments.append(segment)
             else:
                 blocks.append(_Block([segment]))
@@ -191,16 +192,16 @@ class Plan:
         return after
 
     def _launch(self, operations: Sequence[_Operation]) -> None:
-        """Launch operations in order; those that may run ``beside`` others get streams of their own."""
-        beside = list[wp.Stream]()
+        """Launch operations in order; concurrent ones get streams of their own."""
+        streams = list[wp.Stream]()
         for operation in operations:
-            if operation.beside and self._device != "cpu":
-                beside.append(self._side_stream(len(beside)))
-                with wp.ScopedStream(beside[-1], sync_enter=True):
+            if operation.concurrent and self._device != "cpu":
+                streams.append(self._side_stream(len(streams)))
+                with wp.ScopedStream(streams[-1], sync_enter=True):
                     operation.launch()
             else:
                 operation.launch()
-        for stream in beside:  # all streams of a capture must join the one on which it began before it ends
+        for stream in streams:  # all streams of a capture must join the one on which it began before it ends
             wp.get_stream(self._device).wait_stream(stream)
 
     def _side_stream(self, index: int) -> wp.Stream:
@@ -237,18 +238,18 @@ class Plan:
 
     def rows(self) -> list[tuple[str, str, str]]:
         """Rows of the description, one for each item: stage, item with its terms, and way of running."""
-        how = "graph" if self.captures else "kernel by kernel"
+        captured = "graph" if self.captures else "kernel by kernel"
         rows = []
         for stage in self.stages:
             for item in stage.items:
                 terms = f"{item.name}: {', '.join(item.terms)}" if item.terms else item.name
                 if isinstance(item, Eager):
-                    how_now = item.part.how if item.part is not None else ""
-                    rows.append((stage.name, terms, how_now or f"eager: {item.reason}"))
+                    status = item.part.status if item.part is not None else ""
+                    rows.append((stage.name, terms, status or f"eager: {item.reason}"))
                 elif isinstance(item, Captured):
-                    rows.append((stage.name, terms, how))
+                    rows.append((stage.name, terms, captured))
                 elif item.body:
-                    rows.append((stage.name, terms, f"{how}, fused"))
+                    rows.append((stage.name, terms, f"{captured}, fused"))
             if not stage.items:
                 rows.append((stage.name, "-", "-"))
         return rows
@@ -261,7 +262,7 @@ class Plan:
         """
         rows = self.rows()
         first, second = (max(len(row[i]) for row in rows) for i in (0, 2))
-        out = [f"{stage:<{first}}  {how:<{second}}  {what}" for stage, what, how in rows]
+        out = [f"{stage:<{first}}  {status:<{second}}  {item}" for stage, item, status in rows]
         graphs, made = self.graph_count, self.kernels
         count = f"{graphs} graph launch{'es' * (graphs != 1)} a step, " if self.captures else ""
         out.append(f"{count}{len(made)} fused kernel{'s' * (len(made) != 1)}")
@@ -270,18 +271,18 @@ class Plan:
         return "\n".join(out)
 
 
-class _Cutter:
-    """Cuts stages into segments at the host functions, and fuses neighbouring sections that can be one kernel."""
+class _SegmentBuilder:
+    """Splits stages into segments at the host functions, and fuses consecutive sections that can be one kernel."""
 
     def __init__(self, name: str, scope: Scope, num_envs: int, device: str):
         self._name, self._scope, self._num_envs, self._device = name, scope, num_envs, device
         self._segments = [_Segment()]
-        self._waiting: list[tuple[str, Section]] = []
+        self._pending: list[tuple[str, Section]] = []
         """Sections of the kernel under construction, with their stages."""
-        self._held: list[_Operation] = []
-        """Launches that may run beside others, to be placed behind that kernel."""
+        self._deferred: list[_Operation] = []
+        """Concurrent launches, to be placed behind that kernel."""
 
-    def cut(self, stages: Sequence[Stage]) -> list[_Segment]:
+    def build(self, stages: Sequence[Stage]) -> list[_Segment]:
         for stage in stages:
             for item in stage.items:
                 if isinstance(item, Section):
@@ -297,32 +298,32 @@ class _Cutter:
     def _add_section(self, stage: str, section: Section) -> None:
         if not section.body:
             return
-        if self._waiting and not _share_kernel(self._waiting[-1], (stage, section)):
+        if self._pending and not _can_share_kernel(self._pending[-1], (stage, section)):
             self._flush()
-        self._waiting.append((stage, section))
+        self._pending.append((stage, section))
 
     def _add_captured(self, stage: str, item: Captured) -> None:
-        operation = _Operation((stage,), item.name, item.function, beside=item.beside)
-        if item.beside and self._waiting:
+        operation = _Operation((stage,), item.name, item.function, concurrent=item.concurrent)
+        if item.concurrent and self._pending:
             # The sections after it need not wait for it, so they may join the kernel before it: one launch less.
-            self._held.append(operation)
+            self._deferred.append(operation)
             return
         self._flush()
         self._segments[-1].operations.append(operation)
 
     def _flush(self) -> None:
         """End the kernel under construction."""
-        if self._waiting:
-            stages = tuple(dict.fromkeys(stage for stage, _ in self._waiting))
+        if self._pending:
+            stages = tuple(dict.fromkeys(stage for stage, _ in self._pending))
             title = "_".join([self._name, *stages]).replace(" ", "_")
-            fused = fuse(title, [s for _, s in self._waiting], self._scope, self._num_envs, self._device)
+            fused = fuse(title, [s for _, s in self._pending], self._scope, self._num_envs, self._device)
             self._segments[-1].operations.append(_Operation(stages, title, fused.launch, fused))
-            self._waiting.clear()
-        self._segments[-1].operations += self._held
-        self._held.clear()
+            self._pending.clear()
+        self._segments[-1].operations += self._deferred
+        self._deferred.clear()
 
 
-def _share_kernel(before: tuple[str, Section], after: tuple[str, Section]) -> bool:
+def _can_share_kernel(before: tuple[str, Section], after: tuple[str, Section]) -> bool:
     """Whether two neighbouring sections may be in one kernel."""
     if before[1].parts and after[1].parts:
         # Parts of one stage do not depend on each other. Parts of the next stage may depend on any part of this one,

@@ -33,11 +33,11 @@ class Scope:
         """Warp functions by name."""
         self._names: dict[Hashable, Name] = {}
 
-    def name(self, wish: str, value: Value) -> Name:
+    def name(self, preferred: str, value: Value) -> Name:
         """The name of an array or a struct.
 
         Args:
-            wish: The name to use if it is free; otherwise a number is appended.
+            preferred: The name to use if it is free; otherwise a number is appended.
             value: A Warp array or an instance of a Warp struct. It keeps its first name.
 
         Raises:
@@ -45,11 +45,11 @@ class Scope:
         """
         if not isinstance(value, wp.array) and not wp.types.is_struct(value):
             raise TypeError(
-                f"'{wish}': is {type(value).__name__}, must be a Warp array or an instance of a Warp struct"
+                f"'{preferred}': is {type(value).__name__}, must be a Warp array or an instance of a Warp struct"
             )
         key = _identity(value)
         if key not in self._names:
-            name = self._free(wish)
+            name = self._free(preferred)
             fields = frozenset() if isinstance(value, wp.array) else frozenset(struct_fields(struct_of(value)))
             self._names[key] = Name(name, frozenset({name}), fields)
             self.values[name] = value
@@ -72,8 +72,8 @@ class Scope:
         """The names of values, and those of functions, among ``uses``, both in the order in which they were named."""
         return [n for n in self.values if n in uses], [n for n in self.functions if n in uses]
 
-    def _free(self, wish: str) -> str:
-        base = re.sub(r"\W", "_", wish).lstrip("0123456789") or "x"
+    def _free(self, preferred: str) -> str:
+        base = re.sub(r"\W", "_", preferred).lstrip("0123456789") or "x"
         name, count = base, 1
         while name in _RESERVED or name in self.values or name in self.functions:
             count += 1

@@ -11,7 +11,7 @@ import string
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-__all__ = ["Code", "Name", "TunedNumber", "block", "code", "indented"]
+__all__ = ["Code", "Name", "ParameterRead", "block", "code", "indented"]
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,8 @@ class Name(Code):
 
 
 @dataclass(frozen=True)
-class TunedNumber(Code):
-    """A number that the kernel reads from the parameters, so that its value may change from step to step."""
+class ParameterRead(Code):
+    """The expression that reads a number from :class:`.parameters.Parameters`, whose value may change between steps."""
 
 
 _PARSER = string.Formatter()

@@ -44,9 +44,9 @@ class Section:
     parts: int = 0
     """Number of threads for each environment; the body uses their index, ``part``. 0 for one thread. Parts must not
     depend on each other, nor on other sections with parts in the same stage."""
-    neighbours: bool = False
-    """Whether neighbouring threads are parts of one environment rather than environments: for many parts that do the
-    same with neighbouring numbers, so that a GPU combines their memory accesses."""
+    coalesced: bool = False
+    """Whether consecutive threads are parts of one environment rather than environments: for many parts that do the
+    same with consecutive numbers, so that a GPU combines their memory accesses."""
 
     @property
     def uses_in_body(self) -> frozenset[str]:
@@ -74,7 +74,7 @@ class Captured:
     name: str
     function: Callable[[], None]
     terms: Sequence[str] = ()
-    beside: bool = False
+    concurrent: bool = False
     """Later items of the same graph may run at the same time, as none of them uses its results."""
     fields: frozenset[str] | None = None
     """Fields of structs that its kernels read or write; None if unknown, so that it may be any field."""
@@ -84,13 +84,13 @@ class GraphPart(Protocol):
     """Host function that may also be recorded in a graph, with what the host does after each replay."""
 
     @property
-    def joins(self) -> bool:
+    def is_capturable(self) -> bool:
         """Whether it may be recorded now."""
         ...
 
     @property
-    def how(self) -> str:
-        """Way in which it runs, for the description; empty for that of any host function."""
+    def status(self) -> str:
+        """How it runs, for the description; empty for an ordinary host function."""
         ...
 
     def launch(self) -> Sequence[Callable[[], None]]:

@@ -86,7 +86,7 @@ class NamedStructs:
     def __init__(self, kind: Struct, parameters: Sequence[str] = ()):
         """``parameters`` name the struct for an argument of any name."""
         self._kind, self._common = kind, tuple(parameters)
-        self.there: dict[str, StructInstance] = {}
+        self.structs: dict[str, StructInstance] = {}
         """The structs by name."""
         self._counts: dict[str, Mapping[str, int]] = {}
 
@@ -98,7 +98,7 @@ class NamedStructs:
             struct: The struct.
             counts: Numbers on which sizes of observations depend, such as ``{"num_command": 3}``.
         """
-        self.there[name] = struct
+        self.structs[name] = struct
         self._counts[name] = counts or {}
 
     def parameters(self, argument: str) -> Sequence[str]:
@@ -113,16 +113,18 @@ class NamedStructs:
         """
         cfg = binding.take_entity(*self.parameters(argument))
         name = cfg.name if cfg is not None else self.default(binding)
-        if name is None or name not in self.there:
+        if name is None or name not in self.structs:
             asked = "is missing" if name is None else f"is '{name}'"
-            raise ArgumentError(f"{asked}, must name a {name_of(self._kind)}: {', '.join(self.there) or 'none there'}")
+            raise ArgumentError(
+                f"{asked}, must name a {name_of(self._kind)}: {', '.join(self.structs) or 'none there'}"
+            )
         binding.counts |= self._counts[name]
         self.chosen(binding, cfg or SceneEntityCfg(name))
-        return binding.context.scope.name(name, self.there[name])
+        return binding.context.scope.name(name, self.structs[name])
 
     def default(self, binding: TermBinding) -> str | None:
         """Name of the struct for a config that names none; None if the config must name one."""
-        return next(iter(self.there)) if len(self.there) == 1 else None
+        return next(iter(self.structs)) if len(self.structs) == 1 else None
 
     def chosen(self, binding: TermBinding, cfg: SceneEntityCfg) -> None:
         """Hook for subclasses: called with the choice, on which other arguments, such as joint indices, may depend."""
@@ -144,17 +146,17 @@ class StructRegistry:
 
     def named(self, kind: Struct, make: Callable[[Struct], NamedStructs] = NamedStructs) -> NamedStructs:
         """The resolver by name of a type. The first call makes it with ``make`` and registers it."""
-        there = self.resolver(kind)
-        if there is None:
-            there = make(kind)
-            self.register(kind, there)
-        assert isinstance(there, NamedStructs)
-        return there
+        resolver = self.resolver(kind)
+        if resolver is None:
+            resolver = make(kind)
+            self.register(kind, resolver)
+        assert isinstance(resolver, NamedStructs)
+        return resolver
 
     @property
     def provided(self) -> dict[Struct, dict[str, StructInstance]]:
         """Structs of the resolvers by name, by type and name."""
-        return {kind: r.there for kind, r in self._resolvers.items() if isinstance(r, NamedStructs)}
+        return {kind: r.structs for kind, r in self._resolvers.items() if isinstance(r, NamedStructs)}
 
     def provide(self, struct: StructInstance, name: str) -> None:
         """Offer a struct to terms, by its type and a name."""

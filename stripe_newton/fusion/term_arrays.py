@@ -69,7 +69,7 @@ def array_argument(binding: TermBinding, name: str, kind: ArrayType) -> Code:
         ids = _choose_parts(binding, name, part, binding.counts[f"num_{part}s"])
         binding.counts[name] = len(ids)
         return context.scope.name(name, context.index_array(ids))
-    return _given(binding, name, kind)
+    return _configured_array(binding, name, kind)
 
 
 def _choose(binding: TermBinding, name: str, what: str) -> list[int]:
@@ -107,7 +107,7 @@ def _choose_parts(binding: TermBinding, name: str, part: str, count: int) -> lis
     return list(there if chosen is None else chosen)
 
 
-def _given(binding: TermBinding, name: str, kind: ArrayType) -> Code:
+def _configured_array(binding: TermBinding, name: str, kind: ArrayType) -> Code:
     """Source code of an array that the config gives."""
     scope, value = binding.context.scope, binding.take(name)
     # A two-dimensional array that the config does not give is the term's own state, with a column for each body.

@@ -139,7 +139,7 @@ class TermBinding:
             raise ArgumentError(f"is {value!r}, must be a SceneEntityCfg")
         return value
 
-    def refuse(self, unavailable: Mapping[str, str], of: str) -> None:
+    def check_available(self, unavailable: Mapping[str, str], of: str) -> None:
         """Raise an error if the term reads unavailable fields.
 
         Args:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from .source import Code, TunedNumber, code
+from .source import Code, ParameterRead, code
 
 __all__ = ["OUT", "TermCall"]
 
@@ -39,11 +39,11 @@ class TermCall:
             given.append(code("{}[{}]", argument, span) if name in sliced else argument)
         return code(f"{{}}({', '.join(['{}'] * len(given))})", self.function, *given)
 
-    def tuned_apart(self, other: TermCall) -> list[tuple[Code, Code]] | None:
+    def differing_parameters(self, other: TermCall) -> list[tuple[Code, Code]] | None:
         """Pairs of parameters in which two calls differ; None if they differ in anything else."""
         if self.function != other.function or self.arguments.keys() != other.arguments.keys():
             return None
-        apart = [(mine, other.arguments[name]) for name, mine in self.arguments.items()]
-        apart = [(mine, its) for mine, its in apart if mine != its]
-        tuned = all(isinstance(number, TunedNumber) for pair in apart for number in pair)
-        return apart if tuned else None
+        pairs = [(own, other.arguments[name]) for name, own in self.arguments.items()]
+        differing = [(own, its) for own, its in pairs if own != its]
+        are_parameters = all(isinstance(argument, ParameterRead) for pair in differing for argument in pair)
+        return differing if are_parameters else None

@@ -48,7 +48,7 @@ class Usage:
         return {name: value for name, value in fields.items() if name in used}
 
 
-_KNOWN: WeakKeyDictionary[wp.Function, Usage] = WeakKeyDictionary()
+_CACHE: WeakKeyDictionary[wp.Function, Usage] = WeakKeyDictionary()
 
 
 def usage_of(function: wp.Function) -> Usage:
@@ -56,12 +56,12 @@ def usage_of(function: wp.Function) -> Usage:
 
     Globals, closures and ``wp.static`` expressions are resolved as Warp resolves them.
     """
-    if function not in _KNOWN:
-        _KNOWN[function] = Usage()  # ends the recursion for a function that calls itself; Warp does not compile those
+    if function not in _CACHE:
+        _CACHE[function] = Usage()  # ends the recursion for a function that calls itself; Warp does not compile those
         # All overloads count, as Warp chooses one by the types of the arguments, which are not known here.
         overloads = {id(f): f for f in (function, *function.user_overloads.values(), *function.user_templates.values())}
-        _KNOWN[function] = _united([_read(f) for f in overloads.values()])
-    return _KNOWN[function]
+        _CACHE[function] = _united([_read(f) for f in overloads.values()])
+    return _CACHE[function]
 
 
 def _united(parts: Iterable[Usage]) -> Usage:

@@ -196,7 +196,7 @@ class ActionManager(ManagerBase):
             for source in self._sources.values():
                 body += source.process_part()
             parts = self.total_action_dim
-            return [Section("actions_process", body, self.active_terms, parts=parts, neighbours=True)]
+            return [Section("actions_process", body, self.active_terms, parts=parts, coalesced=True)]
         each = code("for i in range({}.shape[1]):", self._input)
         body = block(each, self._take_in("i")) if self.total_action_dim else []
         for source in self._sources.values():

@@ -402,7 +402,7 @@ class CommandManager(ManagerBase):
         own, given = dict[str, object](), self._terms[name].params.keys()
         for argument, kind in func.input_types.items():
             resolver = self.context.structs.resolver(kind)
-            if isinstance(resolver, NamedStructs) and name in resolver.there:
+            if isinstance(resolver, NamedStructs) and name in resolver.structs:
                 own |= {} if given & set(resolver.parameters(argument)) else {argument: name}
         return own
 

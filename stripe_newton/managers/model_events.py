@@ -85,8 +85,8 @@ class ModelEvents:
         title += f", in all worlds: {update.why_all_worlds}" if update.why_all_worlds else ""
         # It may run beside the items that follow: only the physics of the next step, or the next mode that changes the
         # model, uses the solver's copy.
-        beside = last and not update.why_all_worlds
-        tell = Captured(title, partial(update.launch, self._mask()), beside=beside, fields=frozenset())
+        concurrent = last and not update.why_all_worlds
+        tell = Captured(title, partial(update.launch, self._mask()), concurrent=concurrent, fields=frozenset())
         return [Section("events_model", [code("{}[env] = False", self._mask_name())]), *items, tell]
 
     def _mask(self) -> wp.array:

@@ -140,7 +140,7 @@ class ModelTerm:
             elif kind is EncoderData:
                 self._context.entity(self._cfg.name)
                 self.params.setdefault(name, self._cfg.name)
-                encoders: Mapping[str, Any] = self._context.structs.named(EncoderData).there
+                encoders: Mapping[str, Any] = self._context.structs.named(EncoderData).structs
                 if self._cfg.name not in encoders:
                     raise ValueError(f"'{self._cfg.name}' has no joint encoders, must be an articulation")
                 self._context.arrays[f"encoder.{self._cfg.name}.bias"] = encoders[self._cfg.name].bias

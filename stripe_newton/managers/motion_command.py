@@ -96,7 +96,7 @@ class MotionCommand:
         if self._cfg.sampling_mode != "adaptive":
             return []
         # The episodes of the next step read the probabilities, nothing in this step does.
-        return [Captured("motion probabilities", self._update, beside=True, fields=frozenset())]
+        return [Captured("motion probabilities", self._update, concurrent=True, fields=frozenset())]
 
     def _update(self) -> None:
         cfg, motion = self._cfg, self.struct

@@ -31,8 +31,8 @@ class SharedObservation:
         """Add a term of another group if it computes the same values. Returns whether it does."""
         assert term.call is not None
         assert self._term.call is not None
-        tuned = self._term.call.tuned_apart(term.call)
-        if tuned is None or source.parts != self._parts or term.size != self._term.size:
+        differing = self._term.call.differing_parameters(term.call)
+        if differing is None or source.parts != self._parts or term.size != self._term.size:
             return False
         call, process = source.part()
         size = term.size // self._parts
@@ -40,14 +40,16 @@ class SharedObservation:
             code("for i in range(k * {}, (k + 1) * {}):", size, size),
             [code("{} = {}", term.element, self._term.element)],
         )
-        if tuned:  # parameters that are equal now may be changed later
-            differs = code(" or ".join(["{} != {}"] * len(tuned)), *(number for pair in tuned for number in pair))
+        if differing:  # parameters that are equal now may be changed later
+            differs = code(
+                " or ".join(["{} != {}"] * len(differing)), *(number for pair in differing for number in pair)
+            )
             self._copies += block(code("if {}:", differs), [call])
         self._process += process
         self._terms.append(name)
         return True
 
     def section(self) -> Section:
-        """The section of all these terms. Parts are neighbouring threads, as neighbouring rays read nearby memory."""
+        """The section of all these terms. Parts are consecutive threads, as neighbouring rays read nearby memory."""
         body = [code("k = part"), self._call, *self._copies, *self._process]
-        return Section(self._title, body, self._terms, parts=self._parts, neighbours=True)
+        return Section(self._title, body, self._terms, parts=self._parts, coalesced=True)

@@ -7,7 +7,6 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 __all__ = ["Motion", "MotionError"]
 
@@ -57,6 +56,8 @@ class Motion:
         times = np.arange(int(np.floor(self.duration * fps + 1.0e-6)) + 1) / fps
         times = np.minimum(times, self.duration)
         own = np.arange(self.num_frames) / self.fps
+        from scipy.spatial.transform import Rotation, Slerp  # here, as both take long to import
+
         return dataclasses.replace(
             self,
             fps=fps,
@@ -73,6 +74,8 @@ class Motion:
             Of the root link's origin [m/s], ``(num_frames, 3)``; of its rotation, in the world [rad/s],
             ``(num_frames, 3)``; of the joints, ``(num_frames, num_joints)``.
         """
+        from scipy.spatial.transform import Rotation  # here, as it takes long to import
+
         step = 1.0 / self.fps
         rotations = Rotation.from_quat(self.root_quat)
         before = np.maximum(np.arange(self.num_frames) - 1, 0)

@@ -25,7 +25,7 @@ from .graphs.rollout import GraphRollout
 from .report.run_facts import write_system
 from .report.run_report import RunReport
 from .runner_settings import env_mismatches, rsl_rl_settings, why_no_graphs
-from .runs.checkpoint import CheckpointData, describe_room, load_checkpoint, save_checkpoint
+from .runs.checkpoint import CheckpointData, describe_checkpoint_size, load_checkpoint, save_checkpoint
 from .runs.divergence import check_networks, is_of_environment
 from .runs.interrupt import on_first_signal
 from .runs.run_folder import RunFolder
@@ -52,7 +52,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
 
     _unsaved: CheckpointWriteError | None = None
     """Reason why the last checkpoint is not on the disk; None if it is."""
-    _said_room = False
+    _has_reported_size = False
     _report: RunReport | None = None
     """Report in the run folder; None in ranks that write no files."""
     _task: str | None = None
@@ -262,17 +262,17 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         else:
             self._unsaved = None
             self.logger.save_model(str(path), self.current_learning_iteration)
-            self._say_room(path, data)
+            self._report_checkpoint_size(path, data)
             if self._report is not None and self.logger.writer is not None:
                 self._report.update()
 
-    def _say_room(self, path: Path, data: CheckpointData) -> None:
+    def _report_checkpoint_size(self, path: Path, data: CheckpointData) -> None:
         """Say once what the checkpoints of the run will take, where that is much."""
-        if self._said_room or self.logger.writer is None:
+        if self._has_reported_size or self.logger.writer is None:
             return
-        self._said_room = True
+        self._has_reported_size = True
         more = (self.agent_cfg.max_iterations - self.iterations_done) // self.agent_cfg.save_interval
-        if text := describe_room(path, data, more):
+        if text := describe_checkpoint_size(path, data, more):
             print(f"\n{text}", file=sys.stderr)
 
     def load(

@@ -18,7 +18,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdPhysics
 
 from stripe_newton.collision_tables import finalize_without_tables
 from stripe_newton.sim import Simulation
-from stripe_newton.sim.contact_room import contact_room
+from stripe_newton.sim.contact_capacity import contact_capacity
 from stripe_newton.solvers.static_meshes import count_marks
 from stripe_newton.terrains.collider_mesh import start_poses, static_colliders, triangles_of
 from stripe_newton.terrains.scenery_ground import SceneryGround, Triangles
@@ -156,7 +156,7 @@ class ImportedScenery:
         A task's own sizes are for flat ground, on which an arm may touch nothing, and a stage brings bodies of its own.
         """
         sim = self._scene.sim
-        solver, room = sim.cfg.solver, contact_room(finalize_without_tables(template, "cpu"), on_triangles)
+        solver, room = sim.cfg.solver, contact_capacity(finalize_without_tables(template, "cpu"), on_triangles)
         sizes: dict[str, int] = {}
         for name, needed in zip(("nconmax", "njmax"), room, strict=True):
             given = getattr(solver, name, None)

@@ -16,7 +16,6 @@ import newton
 import numpy as np
 import warp as wp
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
-from scipy.spatial.transform import Rotation
 
 from .capsules import Capsules
 
@@ -105,6 +104,8 @@ class Scenery:
         return Capsules(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
 
     def _poses(self, own: np.ndarray, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
+        from scipy.spatial.transform import Rotation  # here, as it takes long to import
+
         turn = Rotation.from_quat(self.rot[own])
         pos = self.pos[own] + self.scale[own, None] * turn.apply(shape.pos)
         return pos, (turn * Rotation.from_quat(shape.rot)).as_quat()
@@ -163,6 +164,8 @@ def read_scenery(stage: Usd.Stage) -> Scenery:
 
 def _places(matrices: np.ndarray, paths: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions, orientations and scales of transforms as USD writes them: of rows, the last the translation."""
+    from scipy.spatial.transform import Rotation  # see above
+
     axes = matrices[:, :3, :3]
     scale = np.linalg.norm(axes, axis=2)
     skewed = np.abs(axes @ axes.transpose(0, 2, 1) - scale[:, :1, None] ** 2 * np.eye(3)).max(axis=(1, 2))

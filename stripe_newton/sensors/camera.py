@@ -11,7 +11,6 @@ import newton
 import numpy as np
 import torch
 import warp as wp
-from scipy.spatial.transform import Rotation
 
 from stripe_kernels.picture import Look
 from stripe_kernels.sensors import camera as kernels
@@ -180,9 +179,11 @@ class Camera(SensorBase):
     struct: kernels.CameraData
 
     def prepare(self, sim: Simulation, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
+        from scipy.spatial.transform import Rotation  # here, as it takes long to import
+
         self._where = f"{type(self).__name__} '{self.cfg.prim_path}'"
         offset = self.cfg.offset
-        turn = Rotation.from_quat(offset.rot_xyzw) * FROM_WORLD[offset.convention].inv()
+        turn = Rotation.from_quat(offset.rot_xyzw) * Rotation.from_quat(FROM_WORLD[offset.convention]).inv()
         mount = find_mount(template, self.cfg.prim_path, self._where, own_prim=True)
         pose = wp.transform(wp.vec3(*offset.pos), wp.quat(*map(float, turn.as_quat())))
         self._mount = Frame(mount.name, mount.body, mount.pose * pose)
@@ -357,6 +358,8 @@ class Camera(SensorBase):
         """
         if self._mount.body >= 0:
             raise ConfigError([f"{self._where}: body '{self._mount.name}' carries it, it goes where that goes"])
+        from scipy.spatial.transform import Rotation  # see above
+
         if convention not in FROM_WORLD:
             raise ConfigError([f"convention: is {convention!r}, must be one of {', '.join(FROM_WORLD)}"])
         mount, origins = wp.to_torch(self._setup.mount), wp.to_torch(self._setup.env_origin)
@@ -364,7 +367,8 @@ class Camera(SensorBase):
         if positions is not None:
             mount[rows, :3] = torch.as_tensor(positions, dtype=torch.float32, device=self.device) - origins[rows]
         if orientations is not None:
-            turn = Rotation.from_quat(torch.as_tensor(orientations).cpu().numpy()) * FROM_WORLD[convention].inv()
+            own = Rotation.from_quat(torch.as_tensor(orientations).cpu().numpy())
+            turn = own * Rotation.from_quat(FROM_WORLD[convention]).inv()
             mount[rows, 3:] = torch.as_tensor(turn.as_quat(), dtype=torch.float32).to(self.device)
 
     def set_world_poses_from_view(
@@ -377,6 +381,8 @@ class Camera(SensorBase):
             targets: Points in the middle of the picture [m], shape ``(n, 3)``.
             env_ids: Environments, default all.
         """
+        from scipy.spatial.transform import Rotation  # see above
+
         forward = (torch.as_tensor(targets) - torch.as_tensor(eyes)).double().cpu().numpy()
         yaw, flat = np.arctan2(forward[:, 1], forward[:, 0]), np.hypot(forward[:, 0], forward[:, 1])
         turn = Rotation.from_euler("ZY", np.stack([yaw, -np.arctan2(forward[:, 2], flat)], axis=1)).as_quat()
@@ -392,7 +398,7 @@ class Camera(SensorBase):
         self._corruption.restart(env_mask)
 
     def launch_observed(self) -> None:
-        aim = [self._setup, wp.quat(*FROM_WORLD["opengl"].as_quat().tolist())]
+        aim = [self._setup, wp.quat(*FROM_WORLD["opengl"])]
         wp.launch(kernels.aim_cameras, dim=self.num_envs, inputs=aim, outputs=[self._raw, self.poses_opengl])
         self.renderer.launch(self.clock.due, self.poses_opengl)
         dim = (self.num_envs, self.cfg.height, self.cfg.width)

@@ -4,16 +4,13 @@
 from __future__ import annotations
 
 import torch
-from scipy.spatial.transform import Rotation
 
 from .sensor_data import SensorData
 
 __all__ = ["FROM_WORLD", "CameraData"]
 
-_TO_OPENGL = Rotation.from_matrix([[0, 0, -1], [-1, 0, 0], [0, 1, 0]])
-_TO_ROS = Rotation.from_matrix([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
-FROM_WORLD = {"world": Rotation.identity(), "opengl": _TO_OPENGL, "ros": _TO_ROS}
-"""Rotations from the frame with x forward and z up to each convention's."""
+FROM_WORLD = {"world": (0.0, 0.0, 0.0, 1.0), "opengl": (0.5, -0.5, -0.5, 0.5), "ros": (0.5, -0.5, 0.5, -0.5)}
+"""Rotations from the frame with x forward and z up to each convention's, xyzw."""
 
 
 class CameraData(SensorData):
@@ -51,5 +48,9 @@ class CameraData(SensorData):
         return self._turned("opengl")
 
     def _turned(self, convention: str) -> torch.Tensor:
-        turned = Rotation.from_quat(self.quat_w_world.double().cpu().numpy()) * FROM_WORLD[convention]
+        from scipy.spatial.transform import Rotation  # here, as it takes long to import
+
+        turned = Rotation.from_quat(self.quat_w_world.double().cpu().numpy()) * Rotation.from_quat(
+            FROM_WORLD[convention]
+        )
         return torch.as_tensor(turned.as_quat(), dtype=torch.float32).to(self.quat_w_world.device)

@@ -13,7 +13,6 @@ import newton
 import numpy as np
 import torch
 import warp as wp
-from scipy.spatial.transform import Rotation
 
 from stripe_kernels.episode import seed_streams
 from stripe_kernels.sensors import ray as kernels
@@ -149,6 +148,8 @@ class RayCaster(SensorBase):
     """Method by which the rays are cast."""
 
     def prepare(self, sim: Simulation, template: newton.ModelBuilder, static: newton.ModelBuilder) -> None:
+        from scipy.spatial.transform import Rotation  # here, as it takes long to import
+
         self._where = f"{type(self).__name__} '{self.cfg.prim_path}'"
         self._mount = find_mount(template, self.cfg.prim_path, self._where).at(self.cfg.offset)
         self._own = carrying_asset(self._scene, template, self._mount.body)

@@ -22,7 +22,7 @@ class SensorStructs(NamedStructs):
 
     def chosen(self, binding: TermBinding, cfg: SceneEntityCfg) -> None:
         binding.sensor = cfg
-        binding.refuse(self._sensors[cfg.name].unavailable, cfg.name)
+        binding.check_available(self._sensors[cfg.name].unavailable, cfg.name)
 
 
 def register_sensor_structs(structs: StructRegistry, sensors: Mapping[str, SensorBase]) -> None:

@@ -81,7 +81,7 @@ class GrowingBuffers:
                 wp.copy(array, self._saved[name])
             launch()
         if self._sizes != first:
-            self._tell(first)
+            self._warn_of_growth(first)
 
     def _arrays(self, drives: JointDrives | None) -> Iterator[tuple[str, wp.array]]:
         """What the step reads and writes, by name."""
@@ -112,7 +112,7 @@ class GrowingBuffers:
         self._sim.recapture()
         return True
 
-    def _tell(self, first: tuple[int, int]) -> None:
+    def _warn_of_growth(self, first: tuple[int, int]) -> None:
         worlds = self._solver.mjw_data.nworld
         sizes = {"njmax": (first[0], self._sizes[0]), "nconmax": (first[1] // worlds, self._sizes[1] // worlds)}
         grown = {name: both for name, both in sizes.items() if both[0] != both[1]}

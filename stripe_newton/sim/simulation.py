@@ -14,13 +14,11 @@ import numpy as np
 import torch
 import warp as wp
 
-from stripe_kernels.actuation import apply_external_wrench, clamp_velocity
-from stripe_kernels.actuators import JointDrives
 from stripe_newton.actuators.actuation import Actuation
 from stripe_newton.collision_tables import finalize_without_tables
 from stripe_newton.configclass import configclass
 from stripe_newton.forward_only import leave_out_gradients
-from stripe_newton.solvers import PerStep, SolverFused
+from stripe_newton.solvers import SolverFused
 from stripe_newton.usd import Light
 from stripe_newton.usd.inertia_balance import SMALLEST_INERTIA
 from stripe_newton.value_types import PositiveInt, Range, short
@@ -36,6 +34,7 @@ from .growing_buffers import GrowingBuffers
 from .observables import wanted_observables
 from .overflow import SolverOverflow
 from .physics_hook import PhysicsHook
+from .physics_step import PhysicsStep
 from .replication import absent_shapes, put_choices, put_unmoved, replicate
 from .reset_mask import ResetMask
 from .solver_cfg import MuJoCoSolverCfg, SolverCfg
@@ -104,6 +103,8 @@ class Simulation:
     """Lights of the scene, for rendering."""
     markers: list[VisualizationMarkers]
     """Markers that viewers draw."""
+    hooks: list[PhysicsHook]
+    """Hooks of the physics, in the order in which they run; see :meth:`add_hook`."""
     env_origin: wp.array | None
     """Origins of the environments as they are now, on the device [m], shape ``(num_envs,)``: a terrain moves them."""
     closed: bool = False
@@ -127,7 +128,7 @@ class Simulation:
     """Targets and efforts of the joints."""
     pipeline: newton.CollisionPipeline | None
     """Newton's collision detection; None where the solver finds contacts itself."""
-    contact_room: int | None
+    contact_capacity: int | None
     """Contacts of all environments that Newton's collision detection has room for; None for as many as it estimates."""
     contacts: newton.Contacts | None
     """Contacts that the pipeline finds or the solver exports; None if neither does."""
@@ -168,15 +169,12 @@ class Simulation:
             wp.config.log_level = wp.LOG_WARNING  # else Warp prints a line for each of some hundred kernels
         self.cfg = cfg
         self.device = resolve_device(cfg.device)
-        self.lights, self.markers = [], []
+        self.lights, self.markers, self.hooks = [], [], []
         self.env_origin = None
-        self._hooks: list[PhysicsHook] = []
         self._graphs: dict[int, wp.Graph] = {}
-        self._limits_velocity = False
         self._finite: FiniteState | None = None
-        self._growing: GrowingBuffers | None = None
-        self.contact_room: int | None = None
-        self._forward_is_due = False
+        self.contact_capacity: int | None = None
+        self._forward_pending = False
 
     @property
     def physics_dt(self) -> float:
@@ -249,7 +247,7 @@ class Simulation:
         with wp.ScopedDevice(self.device):
             asked = self.cfg.solver  # which may leave a choice to what the model needs
             self._make_all(builder, asked)
-            if try_start and self._growing is None and self.cfg.on_overflow == "grow":
+            if try_start and self._physics.growing is None and self.cfg.on_overflow == "grow":
                 fit_buffers(self, lambda sizes: self._make_all(builder, asked.replace(**sizes)))
         self.forward()
         self.build_s = time.perf_counter() - start
@@ -257,7 +255,7 @@ class Simulation:
     def _make_all(self, builder: newton.ModelBuilder, solver: SolverCfg) -> None:
         """Make the model, the solver, and what belongs to them; once more if a trial of the start asks for it."""
         self.cfg = self.cfg.replace(solver=solver)
-        self._hooks.clear()
+        self.hooks.clear()
         self._make_solver(builder, tables=not self.is_static and self.cfg.solver.expects_newton_contacts(builder))
         absent = absent_shapes(self.template, self.num_envs, self.shared_shape_count, self.body_choices)
         if len(absent):
@@ -302,7 +300,7 @@ class Simulation:
         self._state = model.state()
         if self.is_static:
             complete_state(self._state)
-        self._next = None if self.cfg.solver.in_place else model.state()
+        self._physics = PhysicsStep(self, self._state)
         self.control = model.control()
         self.actuation.bind(self._state, self.control)
         self.velocity_limit = wp.full(model.joint_dof_count, value=float("inf"), dtype=float)
@@ -312,19 +310,18 @@ class Simulation:
         self.pipeline = None if self.cfg.solver.finds_contacts else self._collision_detection()
         self.contacts = self.pipeline.contacts() if self.pipeline else None
         self._allocate_observables()
-        if self._steps_inside:
-            self.solver.prepare(self._per_step())  # before the first kernel is compiled
+        self._physics.prepare()
 
     def _collision_detection(self) -> newton.CollisionPipeline:
         """Newton's collision detection, which by default goes through a list of all pairs that may touch."""
         many = isinstance(self.solver, SolverFused) and len(self.solver.hidden_shapes) > 0
         options = {"broad_phase": "sap"} if many else {}
-        return newton.CollisionPipeline(self.model, rigid_contact_max=self.contact_room, **options)
+        return newton.CollisionPipeline(self.model, rigid_contact_max=self.contact_capacity, **options)
 
     def _allocate_observables(self) -> None:
         """Allocate what the solver reports beyond the state."""
         if self.is_static:
-            self.observables = self._growing = None
+            self.observables = None
             return
         wanted = wanted_observables(self.solver, self.cfg.observables, self.cfg.contact_forces)
         if self.cfg.contact_forces and self.contacts is None:
@@ -333,21 +330,21 @@ class Simulation:
         self.observables = self.solver.observables(wanted, contacts=self.contacts) if wanted else None
         if self.observables is not None and "overflow" in wanted:
             self.add_hook(SolverOverflow(self.solver, self.observables))
-        self._growing = GrowingBuffers.of(self)
+        self._physics.growing = GrowingBuffers.of(self)
 
     def add_hook(self, hook: PhysicsHook) -> None:
         """Add a hook to the physics, after those that were added before it.
 
         Add hooks before the first step: a graph that was recorded without one does not run it.
         """
-        self._hooks.append(hook)
+        self.hooks.append(hook)
 
     def describe_solver(self) -> str:
         """Describe in a line what computes the physics, and why."""
         if self.is_static:
             return "nothing moves"
         if isinstance(self.solver, SolverFused):
-            return self.solver.describe(self._come_between)
+            return self.solver.describe(self._physics.between)
         return "MuJoCo Warp" if self.cfg.solver.uses_mujoco_warp else f"Newton's {self.cfg.solver.solver_class}"
 
     # -- stepping
@@ -386,7 +383,7 @@ class Simulation:
             raise RuntimeError("the simulation is closed; make a new one")
         if self.turns_wrenches:
             self.flush()
-        self._forward_is_due = False  # the solver computes the bodies from the joints
+        self._forward_pending = False  # the solver computes the bodies from the joints
         if self.roots_moved:
             self.roots_moved = False
             self.notify(newton.ModelFlags.JOINT_PROPERTIES)
@@ -424,119 +421,22 @@ class Simulation:
         """
         if self.is_static:
             return
-        for hook in self._hooks:
-            hook.launch_before_steps()
-        if self._steps_inside:
-            together = max(substeps, 1) if before_each is None and self.steps_together else 1
-            for _ in range(0, substeps, together):
-                if before_each is not None:
-                    before_each()
-                self._launch_inside(together)
-            return
-        for index in range(substeps):
-            last = index == substeps - 1
-            if before_each is not None:
-                before_each()
-            if last:  # accelerations are over the last physics step
-                wp.copy(self.previous_joint_qd, self._state.joint_qd)
-            self.actuation.launch(index, last=last)
-            self._substep()
-            for hook in self._hooks:
-                hook.launch_after_step()
+        self._physics.launch(substeps, before_each)
 
     @property
     def steps_together(self) -> bool:
         """Whether the physics steps of a call need nothing between them, and the solver takes them in one go."""
-        return self._steps_inside and not self._come_between
+        return self._physics.together
 
     @property
     def turns_wrenches(self) -> bool:
         """Whether a physics step turns wrenches by the poses of bodies before the solver has computed these."""
-        return self.external_wrench is not None and not self._steps_inside
-
-    @property
-    def _steps_inside(self) -> bool:
-        """Whether the solver's kernel does all of a physics step: actuators, wrenches and velocity limits, too."""
-        inside = isinstance(self.solver, SolverFused) and self.solver.converts and self.pipeline is None
-        return inside and not self.actuation.networks and not self.actuation.drives_orientations
-
-    @property
-    def _come_between(self) -> list[str]:
-        """Names of what has to run between physics steps."""
-        actuation, inside = self.actuation, self._steps_inside
-        networks = ", ".join(actuation.networks)
-        names = {
-            "Newton's collision detection": self.pipeline is not None,
-            f"actuators that Newton steps ({networks})": bool(networks),
-            "explicit actuators of free or ball joints": actuation.drives_orientations,
-            "explicit actuators": bool(actuation.explicit.any()) and not inside,
-            "external wrenches": self.external_wrench is not None and not inside,
-            "velocity limits": self._limits_velocity and not inside,
-        } | {type(hook).__name__: True for hook in self._hooks if hook.follows_each_step}
-        return [name for name, is_there in names.items() if is_there]
+        return self.external_wrench is not None and not self._physics.in_solver
 
     def compile_ahead(self) -> None:
         """Begin to compile the solver's kernel, if it has one for all of a step, which the first step waits for."""
-        if not self.is_static and self._steps_inside:
-            assert isinstance(self.solver, SolverFused)
-            self.solver.compile_ahead(self._per_step())
-
-    def _per_step(self) -> PerStep:
-        """What the solver's kernel has to do in each physics step."""
-        return PerStep(
-            drives=self.actuation.drives if self.actuation.explicit.any() else None,
-            solver_drives=self.actuation.drives,
-            external_wrench=self.external_wrench,
-            wrench_in_world=None if self.external_wrench is None else self.wrench_in_world,
-            velocity_limit=self.velocity_limit if self._limits_velocity else None,
-        )
-
-    def _launch_inside(self, substeps: int) -> None:
-        """Launch some time steps of which the solver's kernel does all."""
-        solver, state = self.solver, self._state
-        assert isinstance(solver, SolverFused)
-        per_step = self._per_step()
-        before, observables, dt = (None, self.previous_joint_qd), self.observables, self.physics_dt
-        self._solve(
-            lambda: solver.step_many(state, state, self.control, dt, substeps, observables, before, per_step),
-            per_step.drives,
-        )
-        for hook in self._hooks:
-            hook.launch_after_step()
-
-    def _substep(self) -> None:
-        model, state, control = self.model, self._state, self.control
-        if self.external_wrench is not None:
-            wp.launch(
-                apply_external_wrench,
-                dim=model.body_count,
-                inputs=[state.body_q, self.external_wrench, self.wrench_in_world],
-                outputs=[state.body_f],
-            )
-        if self.pipeline is not None:
-            self.pipeline.collide(state, self.contacts)
-        following = state if self._next is None else self._next
-        with self.actuation.solver_gains():  # solvers without drive modes read the gains in every step
-            self._solve(
-                lambda: self.solver.step(
-                    state, following, control, self.contacts, self.physics_dt, observables=self.observables
-                )
-            )
-        if self._next is not None:
-            # The result is copied back rather than the states swapped: views and graphs hold the arrays of one state.
-            state.assign(self._next)
-            if not self.cfg.solver.reduced_coordinates:  # such solvers move bodies, and leave the joints behind
-                newton.eval_ik(model, state, state.joint_q, state.joint_qd)
-        if self._limits_velocity:
-            wp.launch(clamp_velocity, dim=model.joint_dof_count, inputs=[self.velocity_limit], outputs=[state.joint_qd])
-            newton.eval_fk(model, state.joint_q, state.joint_qd, state)
-
-    def _solve(self, launch: Callable[[], None], drives: JointDrives | None = None) -> None:
-        """Launch the solver's part of a step, with buffers that grow where they can."""
-        if self._growing is None:
-            launch()
-        else:
-            self._growing.run(launch, drives)
+        if not self.is_static:
+            self._physics.compile_ahead()
 
     def recapture(self) -> None:
         """Record the graphs again at the next step; call this after replacing an array that they read."""
@@ -561,7 +461,7 @@ class Simulation:
 
     def limit_velocities(self) -> None:
         """Enforce :attr:`velocity_limit` from the next step on."""
-        self._limits_velocity = True
+        self._physics.limits_velocity = True
         self.recapture()
 
     def enable_external_wrench(self) -> None:
@@ -580,7 +480,7 @@ class Simulation:
         Raises:
             RuntimeError: naming the size to set in :class:`MuJoCoSolverCfg`.
         """
-        message = "; ".join(filter(None, [hook.report_overflow() for hook in self._hooks]))
+        message = "; ".join(filter(None, [hook.report_overflow() for hook in self.hooks]))
         if message and self.cfg.on_overflow != "warn":
             raise RuntimeError(message)
         if message:
@@ -588,7 +488,7 @@ class Simulation:
 
     def forget_overflow(self) -> None:
         """Forget what was dropped so far, as by steps that were only tried; the device has to be waited for before."""
-        for hook in self._hooks:
+        for hook in self.hooks:
             hook.report_overflow()
 
     # -- state
@@ -604,8 +504,8 @@ class Simulation:
 
         A step leaves it for later where nothing in it reads the bodies any more: the next physics step computes them.
         """
-        if self._forward_is_due:
-            self._forward_is_due = False
+        if self._forward_pending:
+            self._forward_pending = False
             self.forward_masked()
 
     def forward(self, env_mask: torch.Tensor | None = None) -> None:
@@ -621,9 +521,9 @@ class Simulation:
             wp.to_torch(mask).view(self.num_envs, -1)[:] = env_mask.unsqueeze(1)
         newton.eval_fk(self.model, self._state.joint_q, self._state.joint_qd, self._state, mask=mask)
 
-    def forward_later(self) -> None:
+    def defer_forward(self) -> None:
         """Leave :meth:`forward_masked` to the next reader of :attr:`state`, or to the next step of the physics."""
-        self._forward_is_due = True
+        self._forward_pending = True
 
     def forward_masked(self) -> None:
         """Make bodies follow the joints of the articulations in :attr:`articulation_mask`; may be captured."""
@@ -677,20 +577,21 @@ class Simulation:
                 environments.
         """
         with wp.ScopedDevice(self.device):
-            told = (
+            expected_changes = (
                 self.solver.changes_expected() if expected and isinstance(self.solver, SolverFused) else nullcontext()
             )
-            with self.actuation.solver_gains(), told:
+            with self.actuation.solver_gains(), expected_changes:
                 self.actuation.hide_gains()
                 self.solver.notify_model_changed(flags)
             self.forget_stale_graphs()
-            for hook in self._hooks:
+            for hook in self.hooks:
                 hook.launch_after_notify()
 
     def close(self) -> None:
         """Release graphs, solver and model."""
         self.closed = True
         self._graphs.clear()
-        self._hooks.clear()  # they hold solver and model, too
+        self.hooks.clear()  # they hold solver and model, too
         self.__dict__.pop("model", None)
         self.__dict__.pop("solver", None)
+        self.__dict__.pop("_physics", None)

@@ -26,7 +26,7 @@ from stripe_newton.solvers.static_meshes import (
 from stripe_newton.solvers.support import why_slower
 from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, WrittenPath
 
-from .contact_room import contact_room
+from .contact_capacity import contact_capacity
 from .ground_contacts import use_triangles
 
 __all__ = [
@@ -249,13 +249,13 @@ class MuJoCoSolverCfg(SolverCfg):
                 return self._with_newton_contacts(model, observables, [many], stand_ins)
             stand_ins = None
         solver = self._make(model, observables, stand_ins)
-        fused = self._told(solver, meshes)
+        fused = self._configure_fused(solver, meshes)
         if stand_ins is not None and not (fused is not None and fused.finds_hidden()):
             if many:
                 return self._with_newton_contacts(model, observables, [many], stand_ins)
             solver = self._make(model, observables)
-            fused = self._told(solver, meshes)
-        lacking = fused.lacks() if concave and fused is not None else []
+            fused = self._configure_fused(solver, meshes)
+        lacking = fused.missing_triangle_contacts() if concave and fused is not None else []
         if concave and (fused is None or lacking):
             return self._with_newton_contacts(model, observables, lacking)
         if self.triangle_contacts and self.uses_mujoco_warp and self.finds_contacts and fused is None:
@@ -271,7 +271,7 @@ class MuJoCoSolverCfg(SolverCfg):
             chosen.newton_contacts_for = tuple(reasons)
         return chosen
 
-    def _told(self, solver: newton.solvers.SolverMuJoCo, meshes: bool) -> SolverFused | None:
+    def _configure_fused(self, solver: newton.solvers.SolverMuJoCo, meshes: bool) -> SolverFused | None:
         """The solver if it is fused, told of which triangles it is to find contacts."""
         if not isinstance(solver, SolverFused) or solver.unsupported:
             return None
@@ -284,7 +284,7 @@ class MuJoCoSolverCfg(SolverCfg):
         self, model: newton.Model, observables: Sequence[str], stand_ins: StandIns | None = None
     ) -> newton.solvers.SolverMuJoCo:
         """Make the fused solver, or MuJoCo Warp's where it is asked for or needed for the observables."""
-        arguments = {**self._room(model), **self.arguments()}
+        arguments = {**self._buffer_sizes(model), **self.arguments()}
         if self.fused is False:
             return newton.solvers.SolverMuJoCo(model, **arguments)
         solver = SolverFused(model, fallback=self.fused is None, stand_ins=stand_ins, **arguments)
@@ -297,14 +297,14 @@ class MuJoCoSolverCfg(SolverCfg):
             solver.unsupported = why_slower(solver.mj_model.nv, model.device.is_cuda)
         return solver
 
-    def _room(self, model: newton.Model) -> dict[str, int]:
+    def _buffer_sizes(self, model: newton.Model) -> dict[str, int]:
         """Sizes of the buffers by what can touch; a size that the config gives makes all of them the solver's."""
         if not self.finds_contacts or self.separate_worlds is False or (self.njmax, self.nconmax) != (None, None):
             return {}
         fields = model.shape_count and (model.shape_type.numpy() == newton.GeoType.HFIELD).any()
         if fields and not self.triangle_contacts:
             return {}  # MuJoCo Warp finds many contacts with a field, and its own sizes are made for them
-        contacts, rows = contact_room(model, self.chooses_contacts and has_triangles(model))
+        contacts, rows = contact_capacity(model, self.chooses_contacts and has_triangles(model))
         return {"nconmax": max(_LEAST_CONTACTS, contacts), "njmax": max(_LEAST_ROWS, rows)}
 
     @property

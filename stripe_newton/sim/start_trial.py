@@ -55,7 +55,7 @@ def fit_buffers(sim: Simulation, make_again: Callable[[dict[str, int]], None]) -
         if (njmax, nconmax) == sizes or njmax > MOST_GROWTH * first[0]:
             break
         if sim.pipeline is not None and sim.contacts is not None:
-            sim.contact_room = 2 * sim.contacts.rigid_contact_max
+            sim.contact_capacity = 2 * sim.contacts.rigid_contact_max
         make_again({"njmax": njmax, "nconmax": nconmax})
         sizes = _sizes(sim)
     if sizes != first:

@@ -66,7 +66,7 @@ class KernelChoice:
             tolerance=float(self.solver.mjw_model.opt.tolerance.numpy()[0]),
             iterations=opt.iterations,
             ls_iterations=opt.ls_iterations,
-            given_contacts=bool(self.division.others),
+            given_contacts=bool(self.division.external_kinds),
             accelerations=self.buffers.bodies is not None,
             contacts=self.buffers.fills_contacts,
             contact_forces=self.buffers.contact_forces is not None,
@@ -78,7 +78,7 @@ class KernelChoice:
     def beyond_limbs(self) -> str:
         """Features in use that the form for a hub with limbs does not have; empty if it has all."""
         features = {
-            "contacts of other collision detection": bool(self.division.others),
+            "contacts of other collision detection": bool(self.division.external_kinds),
             "contacts in MuJoCo Warp's arrays": self.buffers.fills_contacts,
             "accelerations of bodies": self.buffers.bodies is not None,
             "external wrenches": "wrenches" in self.per_step,

@@ -31,9 +31,9 @@ class PairDivision:
 
     pairs: list[ContactPair] = field(default_factory=list)
     """Pairs whose contacts the kernel finds; those of static meshes stand for groups of them."""
-    others: list[str] = field(default_factory=list)
+    external_kinds: list[str] = field(default_factory=list)
     """Kinds of pairs whose contacts others find."""
-    hulls: list[str] = field(default_factory=list)
+    hull_kinds: list[str] = field(default_factory=list)
     """Kinds of pairs with a static mesh of which the kernel does not find contacts with triangles."""
     statics: StaticTriangles | None = None
     """Static meshes whose triangles the kernel looks at."""
@@ -51,7 +51,7 @@ class PairDivision:
         if not solver.uses_mujoco_contacts:
             data.contact.type.fill_(int(ContactType.CONSTRAINT))  # Newton's are for the solver
             data.contact.geomcollisionid.zero_()
-            return cls(others=["all pairs, through Newton's collision detection"])
+            return cls(external_kinds=["all pairs, through Newton's collision detection"])
         is_listed = model.opt.broadphase == BroadphaseType.NXN
         if is_listed:
             geoms, explicit = model.nxn_geom_pair_filtered.numpy(), model.nxn_pairid_filtered.numpy()[:, 0]
@@ -71,11 +71,11 @@ class PairDivision:
             return bool(pair.kind) and (solver.triangles or not pair.kind.startswith("FIELD"))
 
         rest = [pair for pair in made.pairs if not finds(pair)]
-        made.others = sorted({_types(cpu, pair) for pair in rest})
+        made.external_kinds = sorted({_types(cpu, pair) for pair in rest})
         if model.callback.contactfilter:
-            made.others.append("what its contact filter adds")
-        if not is_listed and (made.others or len(made.pairs) > _MOST_PAIRS):
-            return cls([], ["all pairs of its many geoms"], made.hulls, made.statics)
+            made.external_kinds.append("what its contact filter adds")
+        if not is_listed and (made.external_kinds or len(made.pairs) > _MOST_PAIRS):
+            return cls([], ["all pairs of its many geoms"], made.hull_kinds, made.statics)
         if is_listed and len(rest) < len(listed):
             left = {(p.geom1, p.geom2) for p in rest} | {(p.geom2, p.geom1) for p in rest}
             remove_geom_pairs(model, np.array([(p.geom1, p.geom2) not in left for p in listed], dtype=bool))
@@ -86,7 +86,7 @@ class PairDivision:
         """Let pairs of static meshes stand for groups of them."""
         shapes = solver.mjc_geom_to_newton_shape.numpy()[0]
         self.statics = StaticTriangles(solver.mj_model, solver.model, shapes, self.pairs, solver.stand_ins)
-        self.hulls = sorted({_types(solver.mj_model, pair) for pair in self.statics.lacking})
+        self.hull_kinds = sorted({_types(solver.mj_model, pair) for pair in self.statics.unsupported})
         self.pairs = self.statics.pairs
 
 

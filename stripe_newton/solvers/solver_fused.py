@@ -50,7 +50,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             triangles, which the kernel finds; otherwise MuJoCo Warp's. Set it before the first step.
         static_triangles: Whether static colliders that ``model.stripe.triangles`` marks touch spheres, capsules and
             boxes with their triangles; otherwise meshes are their hulls, as MuJoCo has it. Set it before the first
-            step, and see :meth:`lacks`.
+            step, and see :meth:`missing_triangle_contacts`.
         stand_ins: Static shapes that are no geoms, see :meth:`finds_hidden`; None for none.
         limbs: Whether a robot that is a hub with limbs, which touch nothing that moves, is stepped in a form for such
             robots, see ``docs/solvers.md``; None where it is faster. Set it before the first step.
@@ -99,13 +99,13 @@ class SolverFused(newton.solvers.SolverMuJoCo):
 
     # -- what it does
 
-    def lacks(self) -> list[str]:
+    def missing_triangle_contacts(self) -> list[str]:
         """Kinds of pairs of which contacts with triangles are needed and not found, see :func:`mark_triangles`."""
-        return self.launcher.division.hulls
+        return self.launcher.division.hull_kinds
 
     def finds_hidden(self) -> bool:
         """Whether contacts with shapes that are no geoms are found: MuJoCo Warp's collision detection would not."""
-        if self.unsupported or self.lacks():
+        if self.unsupported or self.missing_triangle_contacts():
             return False
         return any(pair.kind in MESH_KINDS.values() for pair in self.launcher.division.pairs)
 
@@ -148,7 +148,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             return f"the fused step{by}"
         if not self.one_launch:
             return "the fused step, with MuJoCo Warp's collision detection for " + ", ".join(
-                self.launcher.division.others
+                self.launcher.division.external_kinds
             )
         between = [*([] if self.converts else ["Newton's conversion of the state"]), *between]
         limbs = self.fused.layout.num_limbs

@@ -34,7 +34,7 @@ class StaticTriangles:
     Attributes:
         pairs: Pairs of geoms that may touch, in which those of groups replace those of their meshes and have the group
             as their ``mesh``.
-        lacking: Pairs of concave meshes with geoms that the kernel has no routine for.
+        unsupported: Pairs of concave meshes with geoms that the kernel has no routine for.
         grids: The triangles of the groups; None without one.
         hidden_geoms: The geom that stands for each shape that is none; None without such shapes.
     """
@@ -58,7 +58,7 @@ class StaticTriangles:
         """
         self._shapes, self._stand_ins = _Shapes(newton_model), stand_ins
         self.pairs: list[ContactPair] = []
-        self.lacking: list[ContactPair] = []
+        self.unsupported: list[ContactPair] = []
         self.hidden_geoms: wp.array | None = None
         by_geom = self._pairs_by_mesh(model, shape_of_geom, pairs)
         hidden = self._hidden(model, shape_of_geom, stand_ins) if stand_ins is not None else {}
@@ -98,7 +98,7 @@ class StaticTriangles:
             if kind is None:
                 self.pairs.append(pair)
                 if shapes.mark[shape_of_geom[geom]] == MUST:
-                    self.lacking.append(pair)
+                    self.unsupported.append(pair)
                 continue
             by_geom[geom].append(ContactPair(geom, other, kind, pair.dim, rule))
         return by_geom

@@ -8,7 +8,6 @@ from collections.abc import Iterable
 import newton
 import numpy as np
 import warp as wp
-from scipy.spatial.transform import Rotation
 
 from stripe_newton.collision_tables import finalize_without_tables
 from stripe_newton.shape_mesh import shape_mesh
@@ -65,6 +64,8 @@ def triangles_of(
     Returns:
         Points [m], ``(points, 3)``, and faces, indices of three points, ``(faces, 3)``.
     """
+    from scipy.spatial.transform import Rotation  # here, as it takes long to import
+
     points, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=int)], 0
     for shape in shapes:
         own, own_faces = shape_mesh(

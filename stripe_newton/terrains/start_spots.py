@@ -9,8 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from stripe_kernels import start_spots as kernels
 from stripe_newton.configclass import configclass
@@ -173,6 +171,9 @@ def _connected(
                 near = np.abs(points[a, 2] - points[b, 2]) <= cfg.max_step
                 pairs.append((a[near], b[near]))
     start, end = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
+    from scipy.sparse import coo_matrix  # here, as both take long to import
+    from scipy.sparse.csgraph import connected_components
+
     graph = coo_matrix((np.ones(len(start), dtype=bool), (start, end)), shape=(len(points), len(points)))
     _, label = connected_components(graph, directed=False)
     label[~free] = -1

@@ -7,8 +7,6 @@ import math
 
 import newton
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from stripe_newton.usd.mesh_copies import with_geometry
 
@@ -158,6 +156,9 @@ def _grouped(
     smooth = (normal[one // 3] * normal[two // 3]).sum(axis=1) > math.cos(math.radians(angle))
     one, two = one[smooth], two[smooth]
     ends = np.concatenate([low[one], high[one]]), np.concatenate([low[two], high[two]])
+    from scipy.sparse import coo_array  # here, as both take long to import
+    from scipy.sparse.csgraph import connected_components
+
     graph = coo_array((np.ones(len(ends[0]), dtype=bool), ends), shape=(3 * count, 3 * count))
     groups, group = connected_components(graph, directed=False)
     # By the angle of the corner (Thurmer and Wuethrich 1998): how a face is cut into triangles does not matter then.

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import warp as wp
@@ -13,6 +12,7 @@ from newton.sensors import SensorCamera
 from stripe_kernels.box_normals import fill_box_normals
 from stripe_kernels.picture import SAMPLES, Look, mark_edges, resolve_edges, shade_pixels, shadow_casters
 from stripe_kernels.picture_parts import gather_rays, scatter_hits, trace_planes
+from stripe_newton.thread_pool import ThreadPool
 from stripe_newton.threads import available_cores
 
 from .camera_framing import camera_axes
@@ -88,7 +88,7 @@ class Tracer:
         self._parts: PictureParts | None = None
         if self._device.is_cpu and PictureParts.serves(scene):
             self._use_parts(PictureParts(scene, (self._width, self._height), size))
-        self._pool: ThreadPoolExecutor | None = None
+        self._pool = ThreadPool(_MOST_THREADS, "shade")
         self._frames_shaded = 0
         self.scenery = SceneryTracer(scene) if len(scene.scenery) else None
         # Room for a third of the pixels; beyond that, pixels on edges stay as they are.
@@ -159,15 +159,14 @@ class Tracer:
         size = -(-count // parts)
 
         def shade(first: int) -> None:
-            some = pixels[first : first + size]
+            some = pixels[first : min(first + size, count)]  # Warp takes no end beyond the array's
             wp.launch(shade_pixels, some.size, [*args, some], device=self._device)
 
         if parts == 1 or self._frames_shaded == 0:  # the first one compiles and loads the kernel
             size = count
             shade(0)
         else:
-            self._pool = self._pool or ThreadPoolExecutor(parts, thread_name_prefix="shade")
-            list(self._pool.map(shade, range(0, count, size)))
+            list(self._pool.executor.map(shade, range(0, count, size)))
         self._frames_shaded += 1
 
     def _expose(self) -> float:

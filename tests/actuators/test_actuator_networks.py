@@ -75,7 +75,7 @@ def drive(scene, substeps, law, reset):
             scene.sim.actuation.launch(index, last=index == count - 1)
             asked = law(*before, target)
             np.testing.assert_allclose(numpy(robot.data.computed_torque), asked, rtol=2e-4, atol=2e-4)
-            scene.sim._substep()
+            scene.sim._physics.launch_after_actuators()
         np.testing.assert_allclose(
             numpy(robot.data.applied_torque), np.clip(asked, -LIMIT, LIMIT), rtol=2e-4, atol=2e-4
         )

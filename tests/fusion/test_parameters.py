@@ -8,7 +8,7 @@ import torch
 import warp as wp
 
 from stripe_newton.envs import mdp
-from stripe_newton.fusion import Parameters, Scope, Section, TunedNumber, code
+from stripe_newton.fusion import ParameterRead, Parameters, Scope, Section, code
 from stripe_newton.managers import RewardManager, RewardTermCfg
 from tests.helpers.fusion_terms import generated_files
 from tests.helpers.manager_world import plan
@@ -73,7 +73,7 @@ def test_parameters_in_source(cart):
     name, add = cart.scope.name("result", out), cart.parameters.add
     values = [("f", 2.0, float), ("b", True, bool), ("v", (3.0, 4.0), wp.vec2), ("n", 5, int)]
     f, b, v, n = (add(*value) for value in values)
-    assert [isinstance(piece, TunedNumber) for piece in (f, b, v, n)] == [True, False, False, True]
+    assert [isinstance(piece, ParameterRead) for piece in (f, b, v, n)] == [True, False, False, True]
     body = [code("{}[env, 0] = {}", name, f), code("{}[env, 1] = wp.where({}, 1.0, 0.0)", name, b)]
     body += [code("{}[env, 2] = ({})[0] * ({})[1]", name, v, v), code("{}[env, 3] = float({})", name, n)]
     work = plan(cart, [Section("read", body)])

@@ -26,7 +26,7 @@ def test_calls_that_differ_in_tuned_numbers_alone(cart):
         return bind_term(cart, cart_energy, params, where, "reward")
 
     one, same, other = call("a", 1.0, "cart_to_pole"), call("b", 1.0, "cart_to_pole"), call("c", 1.0, "slider_to_cart")
-    ((mine, its),) = one.tuned_apart(same)
+    ((mine, its),) = one.differing_parameters(same)
     assert mine != its
-    assert one.tuned_apart(one) == []
-    assert one.tuned_apart(other) is None
+    assert one.differing_parameters(one) == []
+    assert one.differing_parameters(other) is None

@@ -281,7 +281,7 @@ def test_active_objects_alone_have_contacts_and_retired_ones_wait_for_300_steps(
     assert contacts > 1000
     assert retired > 500
     assert 0.0 < drift < FALL
-    (overflow,) = (hook for hook in world.sim._hooks if isinstance(hook, SolverOverflow))
+    (overflow,) = (hook for hook in world.sim.hooks if isinstance(hook, SolverOverflow))
     assert int(overflow.seen.numpy()[0]) == 0
 
 

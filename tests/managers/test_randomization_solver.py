@@ -93,12 +93,12 @@ def test_told_otherwise_the_solver_has_the_same_numbers(world: RandomizedWorld):
     world.reset()
     world.reset(1)
     mine = world.solver_model()
-    world.sim._hooks, kept = [], world.sim._hooks
+    world.sim.hooks, kept = [], world.sim.hooks
     flags = newton.ModelFlags.ALL
     world.sim.notify(flags)
     for name, values in world.solver_model().items():
         np.testing.assert_allclose(values, mine[name], rtol=3e-5, atol=1e-6 * np.abs(mine[name]).max(), err_msg=name)
-    world.sim._hooks = kept
+    world.sim.hooks = kept
     world.sim.notify(flags)
     for name, values in world.solver_model().items():
         np.testing.assert_array_equal(values, mine[name], err_msg=name)
@@ -139,7 +139,7 @@ def gravity(mode: str, size: float) -> EventTermCfg:
 def test_only_the_last_update_of_a_step_runs_beside_what_follows():
     terms = {"later": gravity("interval", 8.0), "first": gravity("reset", 9.0)}
     world = RandomizedWorld(CARTPOLE_CFG, terms, num_envs=2, ground=False)
-    assert [world.items(mode)[-1].beside for mode in ("reset", "interval")] == [False, True]
+    assert [world.items(mode)[-1].concurrent for mode in ("reset", "interval")] == [False, True]
     world.reset()
     np.testing.assert_array_equal(world.solver_model()["gravity"][:, 2], -9.0)
     for _ in range(3):  # the clock is drawn, then runs out
@@ -212,7 +212,7 @@ def test_all_kinds_of_joints_and_a_damping_ratio_follow_the_masses(tmp_path: Pat
             np.testing.assert_allclose(mine[name][env], getattr(model, name), rtol=1e-4, err_msg=name)
     for name, values in before.items():
         np.testing.assert_array_equal(mine[name][1], values[1], err_msg=name)
-    world.sim._hooks = []
+    world.sim.hooks = []
     world.sim.notify(newton.ModelFlags.ALL)
     damping = world.solver_model()["actuator_biasprm"][..., 2]
     np.testing.assert_allclose(mine["actuator_biasprm"][..., 2], damping, rtol=1e-5)

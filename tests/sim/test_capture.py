@@ -19,6 +19,7 @@ import warp as wp
 from stripe_newton.envs.hook_parts import Recorder
 from stripe_newton.sim import capture
 from stripe_newton.sim.capture import TorchGraph
+from tests.helpers.late_stream import draw_late
 
 DEVICE = "cuda:0"
 
@@ -171,36 +172,10 @@ def test_after_a_capture_that_cannot_be_ended_an_empty_one_ends_that_of_the_rand
 
 # -- on a GPU
 
-SLEEP = 20_000_000
-"""Cycles of a kernel that does nothing, about 10 ms."""
-
 
 @pytest.mark.gpu
-def test_first_replay_on_a_gpu_whose_recording_stream_is_late(monkeypatch):
-    stream, drawn = torch.cuda.Stream(DEVICE), torch.zeros(64, device=DEVICE)
-    wait = torch.cuda.synchronize
-
-    def late(device: Any = None) -> None:
-        """Wait, then keep the stream of the recording busy, as another process does with the whole GPU."""
-        wait(device)
-        with torch.cuda.stream(stream):
-            torch.cuda._sleep(SLEEP)
-
-    def draw() -> None:
-        torch.cuda._sleep(4 * SLEEP)
-        drawn.copy_(torch.randn(64, device=DEVICE))
-
-    draw()
-    torch.manual_seed(7)
-    torch.rand(8, device=DEVICE)
-    state = torch.cuda.get_rng_state(DEVICE)
-    draw()
-    expected = drawn.clone()
-    torch.cuda.set_rng_state(state, DEVICE)
-    monkeypatch.setattr(torch.cuda, "synchronize", late)
-    TorchGraph(draw, stream, free_memory=False).replay()
-    wait()
-    assert torch.equal(drawn, expected)
+def test_first_replay_on_a_gpu_whose_recording_stream_is_late():
+    assert draw_late(DEVICE, lambda draw, stream: TorchGraph(draw, stream, free_memory=False)).is_right
 
 
 @pytest.mark.gpu

@@ -18,7 +18,7 @@ from stripe_newton.sim import (
     Simulation,
     SimulationCfg,
 )
-from stripe_newton.sim.contact_room import contact_room
+from stripe_newton.sim.contact_capacity import contact_capacity
 
 
 def _box(name: str, x: float, z: float = 0.3) -> RigidObjectCfg:
@@ -111,9 +111,9 @@ def test_room_is_counted_by_what_can_touch():
     builder.add_shape_sphere(ball, radius=0.1)
     for _ in range(3):
         builder.add_shape_box(block, hx=0.1, hy=0.1, hz=0.1)
-    contacts, rows = contact_room(builder.finalize(device="cpu"))
+    contacts, rows = contact_capacity(builder.finalize(device="cpu"))
     assert contacts == 1 + 8  # no body needs more than eight
     assert rows == 4 * 9 + 2 * 12
     two = newton.ModelBuilder()
     two.replicate(builder, 2)
-    assert contact_room(two.finalize(device="cpu")) == (contacts, rows)
+    assert contact_capacity(two.finalize(device="cpu")) == (contacts, rows)

@@ -13,7 +13,8 @@ import warp as wp
 from stripe_newton.actuators import DCMotorCfg, DelayedPDActuatorCfg
 from stripe_newton.assets import AssetBaseCfg
 from stripe_newton.scene import InteractiveScene
-from stripe_newton.sim import GroundPlaneCfg, MuJoCoSolverCfg, Simulation, solver_cfg
+from stripe_newton.sim import GroundPlaneCfg, MuJoCoSolverCfg, solver_cfg
+from stripe_newton.sim.physics_step import PhysicsStep
 from stripe_newton.solvers.step_kernel import StepKernel
 from stripe_newton.solvers.support import why_slower
 from tests.helpers.actuator_world import Drill, actuator_scene
@@ -44,7 +45,7 @@ MOTORS = {
 @pytest.fixture
 def launch_each_step(monkeypatch):
     """Makes simulations launch actuators, wrenches and limits in kernels of their own, around each physics step."""
-    return lambda: monkeypatch.setattr(Simulation, "_steps_inside", False)
+    return lambda: monkeypatch.setattr(PhysicsStep, "in_solver", False)
 
 
 def run(scene: InteractiveScene, count: int = 12) -> dict[str, np.ndarray]:

@@ -146,7 +146,7 @@ def test_shapes_on_a_mesh(lanes, fineness, solid):
     model.joint_q.assign(joint_q.reshape(-1))
     solver = SolverFused(model, nconmax=60, njmax=240, kinematic_switchable_roots=False)
     solver.static_triangles = True
-    assert solver.lacks() == []
+    assert solver.missing_triangle_contacts() == []
     state = model.state()
     newton.eval_fk(model, state.joint_q, state.joint_qd, state)
     solver.step(state, state, model.control(), None, 1e-4)

@@ -9,7 +9,7 @@ import trimesh
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from stripe_newton.sim.contact_room import contact_room
+from stripe_newton.sim.contact_capacity import contact_capacity
 from stripe_newton.solvers import SolverFused
 from stripe_newton.solvers.mesh_grid import MeshGrids, TriangleMesh
 from tests.helpers.step_meshes import FRAMES, model_of, random_poses, step_mesh
@@ -23,7 +23,7 @@ def contacts_of(model: newton.Model, frame: wp.transform) -> list[list[tuple[flo
     """Distance, point and normal of the contacts of each world, relative to the mesh."""
     solver = SolverFused(model, nconmax=20, njmax=100, kinematic_switchable_roots=False)
     solver.static_triangles = True
-    assert solver.lacks() == []
+    assert solver.missing_triangle_contacts() == []
     assert solver.one_launch
     solver.fill_contacts()
     state = model.state()
@@ -264,6 +264,6 @@ def test_a_box_in_a_rough_corner_has_room_for_its_contacts() -> None:
     model = model_of(rough_corner(random), lambda b, body: b.add_shape_box(body, hx=half, hy=half, hz=half), poses,
                      wp.transform_identity())  # fmt: skip
     counts = [len(found) for found in contacts_of(model, wp.transform_identity())]
-    room, rows = contact_room(model, on_triangles=True)
+    room, rows = contact_capacity(model, on_triangles=True)
     assert 8 < max(counts) <= room
     assert rows >= 4 * room

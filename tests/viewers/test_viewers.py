@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import threading
 from pathlib import Path
 
 import newton
@@ -13,8 +14,9 @@ import pytest
 import warp as wp
 
 from stripe_newton.configclass import ConfigError
-from stripe_newton.viewers import LiveViewer, SceneRenderer, VideoWriter, ViewerCfg, save_image
+from stripe_newton.viewers import LiveViewer, SceneRenderer, VideoWriter, ViewerCfg, save_image, tracer
 from stripe_newton.viewers.camera_framing import Follower, camera_axes, frame_points
+from tests.helpers.forked import run_forked
 from tests.helpers.viewed_scenes import light, sim_of
 
 ASSETS = Path(newton.__file__).parent / "examples" / "assets"
@@ -247,15 +249,28 @@ def floor_brightness(template):
     return np.abs(pictures[0] - pictures[1])[-8:].mean(), pictures[1]
 
 
+def threaded_renderer(monkeypatch, cores):
+    """A renderer that shades all of a small picture in each frame after the first one, in a part for each core."""
+    monkeypatch.setattr(tracer, "available_cores", lambda: cores)
+    monkeypatch.setattr(tracer, "_LEAST_FOR_THREAD", 1)
+    monkeypatch.setattr(tracer.PictureParts, "serves", lambda scene: False)
+    renderer = SceneRenderer(sim_of(box()), ViewerCfg(resolution=(97, 61)))
+    renderer.render()  # the first picture is always one thread's
+    return renderer
+
+
 def test_threads_shade_the_same_picture(monkeypatch):
     """On the CPU each computes a part of the pixels; the last part is shorter, and one thread computes all."""
-    pictures = []
-    for cores in (1, 5):
-        monkeypatch.setattr("stripe_newton.viewers.tracer.available_cores", lambda cores=cores: cores)
-        renderer = SceneRenderer(sim_of(box()), ViewerCfg(resolution=(97, 61)))
-        renderer.render()  # the first picture is always one thread's
-        pictures.append(renderer.render())
-    np.testing.assert_array_equal(*pictures)
+    np.testing.assert_array_equal(*(threaded_renderer(monkeypatch, cores).render() for cores in (1, 5)))
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # that it has threads
+def test_a_forked_process_shades_with_threads_of_its_own(monkeypatch):
+    renderer = threaded_renderer(monkeypatch, 3)
+    picture, meet = renderer.render(), threading.Barrier(tracer._MOST_THREADS)
+    pool = renderer._open_tracer._pool
+    list(pool.executor.map(lambda _: meet.wait(10.0), range(tracer._MOST_THREADS)))  # all are there, and free again
+    assert run_forked(lambda: 7 if np.array_equal(renderer.render(), picture) else 8) == 7
 
 
 def test_no_floor_is_drawn_unless_it_is_asked_for():

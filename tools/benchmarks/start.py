@@ -99,9 +99,16 @@ def train(words: list[str]) -> int:
     clock.begin("imports")
     import gc
 
-    gc.disable()  # as the command does, which does so only with the arguments of the process
+    # All that the command does with the arguments of the process alone, as it is told others below.
+    gc.disable()
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    from stripe_newton.cli import main, train
+    from stripe_newton.cli import _device_of, main
+    from stripe_newton.cli.kernel_warmup import start_early
+    from stripe_newton.cli.quick_imports import import_quickly
+
+    start_early(_device_of("train", words))
+    import_quickly()
+    from stripe_newton.cli import train
 
     clock.end()
     clock.time(train, "load_configs", "configs")
@@ -183,7 +190,8 @@ def table_of_modules(modules: list[Module]) -> str:
 
 def import_times() -> list[tuple[str, float]]:
     """Seconds that the modules of each package take to import themselves, for ``train``, the longest first."""
-    code = "import gc; gc.disable(); import stripe_newton.cli.train, stripe_tasks.velocity.quadruped"
+    code = "import gc; gc.disable(); from stripe_newton.cli.quick_imports import import_quickly; import_quickly(); "
+    code += "import stripe_newton.cli.train, stripe_tasks.velocity.quadruped"
     ran = subprocess.run([sys.executable, "-X", "importtime", "-c", code], capture_output=True, text=True, check=True)
     packages: dict[str, float] = defaultdict(float)
     for line in ran.stderr.splitlines():

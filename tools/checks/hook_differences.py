@@ -35,11 +35,10 @@ from stripe_newton.envs.hook_graphs import RecordedHook, recorded_hook
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
 from stripe_newton.sim.capture import TorchGraph
 from tests.helpers import recorded_cart
+from tests.helpers.late_stream import draw_late
 
 __all__ = ["Differences", "cart_runs", "main", "torch_facts"]
 
-SLEEP = 20_000_000
-"""Cycles of a kernel that does nothing, about 10 ms."""
 STEPS = 140
 """Steps of a cart: hooks are recorded and compared in the first ones, and once more after 64."""
 BUSY = (
@@ -81,35 +80,10 @@ def _plain_graph(
 
 def _late(device: str, record: Callable[[Callable[[], None], torch.cuda.Stream], Any]) -> str:
     """Whether the first replay draws the right numbers where the stream of the recording has other work first."""
-    stream, drawn = torch.cuda.Stream(device), torch.zeros(64, device=device)
-    wait = torch.cuda.synchronize
-
-    def late(*args: Any) -> None:
-        wait()
-        with torch.cuda.stream(stream):
-            torch.cuda._sleep(SLEEP)
-
-    def draw() -> None:
-        torch.cuda._sleep(4 * SLEEP)
-        drawn.copy_(torch.randn(64, device=device))
-
-    draw()
-    torch.manual_seed(7)
-    torch.rand(8, device=device)
-    state = torch.cuda.get_rng_state(device)
-    draw()
-    expected = drawn.clone()
-    torch.manual_seed(7)
-    draw()
-    of_zero = drawn.clone()
-    torch.cuda.set_rng_state(state, device)
-    with mock.patch.object(torch.cuda, "synchronize", late):
-        graph = record(draw, stream)
-    graph.replay()
-    wait()
-    if torch.equal(drawn, expected):
+    late = draw_late(device, record)
+    if late.is_right:
         return "right"
-    return "wrong: of offset 0" if torch.equal(drawn, of_zero) else "wrong"
+    return "wrong: of offset 0" if torch.equal(late.drawn, late.of_offset_0) else "wrong"
 
 
 def _pool_again(device: str) -> None:

@@ -12,8 +12,8 @@ from .ranks import (
     gather,
     join,
     rank_device,
+    send_to_launcher,
     stop_asked,
-    tell,
     world,
 )
 
@@ -26,7 +26,7 @@ __all__ = [
     "gather",
     "join",
     "rank_device",
+    "send_to_launcher",
     "stop_asked",
-    "tell",
     "world",
 ]

@@ -31,8 +31,8 @@ __all__ = [
     "gather",
     "join",
     "rank_device",
+    "send_to_launcher",
     "stop_asked",
-    "tell",
     "world",
 ]
 
@@ -169,7 +169,7 @@ def stop_asked() -> bool:
     return True
 
 
-def tell(name: str, text: str) -> None:
+def send_to_launcher(name: str, text: str) -> None:
     """Write a message for the launcher, if there is one and this is rank 0."""
     if LAUNCHER in os.environ and world().rank == 0:
         (_launcher_folder() / name).write_text(text, encoding="utf-8")

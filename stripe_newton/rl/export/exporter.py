@@ -21,6 +21,7 @@ from rsl_rl.models import CNNModel, MLPModel
 from stripe_newton.rl.errors import ExportError
 
 from .metadata_format import CheckInfo, PolicyMetadata
+from .plain_network import OPSET, plain_onnx
 from .policy_check import TOLERANCE, check_policy
 from .policy_metadata import METADATA_FILE, describe_policy
 
@@ -112,6 +113,8 @@ def _raise_if_different(check: CheckInfo) -> None:
 def _to_onnx(policy: MLPModel) -> onnx.ModelProto:
     """The policy as an ONNX model that takes any number of environments."""
     network = policy.as_onnx(verbose=False).to("cpu").eval()
+    if (plain := plain_onnx(policy, network)) is not None:
+        return plain
     batch = torch.export.Dim("batch", min=1)
     axes = [1 if name in ("h_in", "c_in") else 0 for name in network.input_names]
     # Two environments: torch takes a size of 1 in the example for a constant.
@@ -120,7 +123,7 @@ def _to_onnx(policy: MLPModel) -> onnx.ModelProto:
     program = torch.onnx.export(
         network,
         tuple(example),
-        opset_version=18,
+        opset_version=OPSET,
         input_names=network.input_names,
         output_names=network.output_names,
         dynamo=True,

@@ -59,7 +59,7 @@ class FlatAdam:
         ends = [0]
         for parameter in self._trained:
             ends.append(ends[-1] + -(-parameter.numel() // _ALIGNMENT) * _ALIGNMENT)
-        self._places, self._split = ends[:-1], ends[len(own)]
+        self._offsets, self._split = ends[:-1], ends[len(own)]
         device = rate.device
         # Each on its own: a checkpoint has parameters and state, but no gradients.
         memory = (torch.zeros(ends[-1], device=device) for _ in range(4))
@@ -74,7 +74,7 @@ class FlatAdam:
 
     def views(self, flat: torch.Tensor) -> Iterator[torch.Tensor]:
         """The parts of memory like :attr:`parameters` that belong to the trained parameters, in their shapes."""
-        for parameter, place in zip(self._trained, self._places, strict=True):
+        for parameter, place in zip(self._trained, self._offsets, strict=True):
             yield flat[place : place + parameter.numel()].view(parameter.shape)
 
     def make_copies(self) -> dict[torch.Tensor, torch.Tensor]:

@@ -12,7 +12,7 @@ from rsl_rl.models import MLPModel
 from rsl_rl.modules import EmpiricalNormalization
 from tensordict import TensorDict
 
-from stripe_kernels.ppo import BLOCK, gather_inputs, gather_inputs_bf16
+from stripe_kernels.ppo import BLOCK, gather_inputs
 
 from .flat_adam import as_array
 from .layer_kernels import layer_kernels
@@ -142,7 +142,6 @@ class EluPass(NetworkPass):
         """The latent of ``stored[picked]``."""
         model, first = self._model, 0
         out = torch.empty(len(picked), model.obs_dim, dtype=self._kind, device=picked.device)
-        kernel = gather_inputs if self._kind == torch.float32 else gather_inputs_bf16
         normalizer = model.obs_normalizer
         statistics = (None, None, 0.0)
         if isinstance(normalizer, EmpiricalNormalization):
@@ -152,7 +151,7 @@ class EluPass(NetworkPass):
             values = as_array(stored[group].float())
             inputs = [rows, values, first, *statistics, target]
             dim = (len(picked), values.shape[1])
-            wp.launch(kernel, dim=dim, inputs=inputs, device=rows.device, block_dim=BLOCK)
+            wp.launch(gather_inputs, dim=dim, inputs=inputs, device=rows.device, block_dim=BLOCK)
             first += values.shape[1]
         return out
 

@@ -171,7 +171,7 @@ class GraphPPO(PPO):
         if type(self.actor.distribution) is GaussianDistribution and not self.symmetry:
             copies = self._adam.make_copies() if self.use_mixed_precision else None
             self._passes = tuple(network_pass(m, copies) for m in (self.actor, self.critic))
-            self._beside = SideBySide(device, all(isinstance(network, EluPass) for network in self._passes))
+            self._side_by_side = SideBySide(device, all(isinstance(network, EluPass) for network in self._passes))
             self._gradient = PpoGradient(self, self._picked, self._losses, self._kl, self._std)
         functions = {"returns": self._compute_returns}
         if self.is_multi_gpu:
@@ -224,13 +224,13 @@ class GraphPPO(PPO):
         stored = self.storage.observations.flatten(0, 1)
         self._adam.gradient.zero_()
         self._adam.update_copies()
-        mean, values = self._beside.run(
+        mean, values = self._side_by_side.run(
             lambda: actor_pass.forward(stored, picked), lambda: critic_pass.forward(stored, picked)
         )
         # rsl_rl draws actions here and does not use them. Drawing them keeps the random numbers that follow equal.
         torch.empty_like(mean).normal_()
         found.compute(mean, values)
-        self._beside.run(lambda: actor_pass.backward(found.by_mean), lambda: critic_pass.backward(found.by_value))
+        self._side_by_side.run(lambda: actor_pass.backward(found.by_mean), lambda: critic_pass.backward(found.by_value))
 
     def _compute_gradients_by_autograd(self) -> None:
         """The same by torch's autograd, for what the fused loss does not cover."""

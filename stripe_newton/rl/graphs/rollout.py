@@ -157,12 +157,12 @@ class GraphRollout:
             self._program.run()
             # Observations are handed out for hooks alone: within a rollout the graph reads them where they are.
             if self._env.step_hooks:
-                self._hand_out()
+                self._publish_observations()
                 for hook in list(self._env.step_hooks):
                     hook()
         self._end.run()
         storage.step = storage.num_transitions_per_env
-        return self._hand_out()
+        return self._publish_observations()
 
     @torch.inference_mode(False)
     @torch.no_grad()
@@ -221,7 +221,7 @@ class GraphRollout:
             self._pinned[key] = torch.empty_like(value, device="cpu", pin_memory=True)
         return self._pinned[key].copy_(value, non_blocking=True)
 
-    def _hand_out(self) -> TensorDict:
+    def _publish_observations(self) -> TensorDict:
         return self._env.set_observations(self._step.after())
 
     # -- the graph

@@ -28,7 +28,7 @@ __all__ = [
     "CheckpointData",
     "RngState",
     "damage_of",
-    "describe_room",
+    "describe_checkpoint_size",
     "from_bytes",
     "get_rng_state",
     "load_checkpoint",
@@ -99,7 +99,7 @@ def save_checkpoint(data: CheckpointData, path: str | os.PathLike) -> None:
             part.unlink(missing_ok=True)
 
 
-def describe_room(path: Path, data: CheckpointData, more: int) -> str:
+def describe_checkpoint_size(path: Path, data: CheckpointData, more: int) -> str:
     """What the checkpoints of a run take, where that is much; empty where it is little.
 
     Args:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -187,22 +188,28 @@ def _fill(picture: Image.Image, outline: np.ndarray, color: tuple[int, int, int]
 
 def _write(
     picture: Image.Image,
-    lines: list[tuple[str, ImageFont.FreeTypeFont, tuple[int, int, int]]],
+    lines: Sequence[tuple[str, ImageFont.FreeTypeFont, tuple[int, int, int]]],
     x: int,
     y: int,
     line: int,
 ) -> None:
     """Write lines of text on a dark, translucent box whose corner is ``(x, y)`` [px]."""
+    box = _box(tuple(lines), line)
+    picture.paste(box, (x, y), box)
+
+
+@lru_cache(maxsize=8)  # most of what is written stays the same from frame to frame
+def _box(lines: tuple[tuple[str, ImageFont.FreeTypeFont, tuple[int, int, int]], ...], line: int) -> Image.Image:
+    """Lines of text on a dark, translucent box."""
     width = max(int(font.getlength(text)) for text, font, _ in lines) + line
     heights = [int(1.3 * font.size) for _, font, _ in lines]
-    box = (x, y, min(x + width, picture.width), min(y + sum(heights) + line // 2, picture.height))
-    shade = Image.new("RGBA", (box[2] - box[0], box[3] - box[1]), _BOX)
-    picture.paste(shade, box[:2], shade)
-    draw = ImageDraw.Draw(picture)
-    top = y + line // 4
+    box = Image.new("RGBA", (width, sum(heights) + line // 2), _BOX)
+    draw = ImageDraw.Draw(box)
+    top = line // 4
     for (text, font, color), height in zip(lines, heights, strict=True):
-        draw.text((x + line // 2, top), text, font=font, fill=color)
+        draw.text((line // 2, top), text, font=font, fill=color)
         top += height
+    return box
 
 
 @lru_cache(maxsize=8)

@@ -25,28 +25,41 @@ def glb_of(
     vertices: np.ndarray,
     faces: np.ndarray,
     *,
+    normals: np.ndarray | None = None,
     colors: np.ndarray | None = None,
     uvs: np.ndarray | None = None,
     picture: np.ndarray | None = None,
+    color: np.ndarray | None = None,
+    relief: tuple[np.ndarray, float] | None = None,
     unlit: bool = False,
     transparent: bool = False,
+    has_holes: bool = False,
+    is_jpeg: bool = False,
 ) -> bytes:
     """A mesh as a GLB file.
 
     Args:
         vertices: Positions [m], shape ``(n, 3)``; the file keeps their frame, whatever axis is up.
         faces: Indices of three vertices, counterclockwise seen from outside, shape ``(faces, 3)``.
+        normals: Unit normals of the vertices, shape ``(n, 3)``. None: the means of the faces around them.
         colors: Linear RGBA of the vertices from 0 to 1, shape ``(n, 4)``. None: white.
         uvs: Places of the vertices in the picture, ``(0, 0)`` its upper left corner, shape ``(n, 2)``.
-        picture: sRGB picture on the mesh, uint8, shape ``(height, width, 3)``; beyond 0 to 1 it repeats.
+        picture: sRGB picture on the mesh, uint8, shape ``(height, width, 3)``, or 4 with alpha; beyond 0 to 1 it
+            repeats.
+        color: Linear RGB from 0 to 1 that multiplies all others, shape ``(3,)``.
+        relief: Normal map, uint8, shape ``(height, width, 3)``, and how often it repeats in one picture.
         unlit: Show the colours as they are, without light.
         transparent: Blend by the colours' alpha.
+        has_holes: Leave out where the picture's alpha is below a half, and show both sides of the faces.
+        is_jpeg: Compress the picture with losses, for large ones without alpha.
     """
     file = _Writer()
     triangles = np.asarray(faces, dtype=np.uint32).reshape(-1)
+    if normals is None:
+        normals = _normals(np.asarray(vertices, dtype=float), triangles.reshape(-1, 3))
     attributes = {
         "POSITION": file.attribute(vertices, "VEC3", bounds=True),
-        "NORMAL": file.attribute(_normals(np.asarray(vertices, dtype=float), triangles.reshape(-1, 3)), "VEC3"),
+        "NORMAL": file.attribute(normals, "VEC3"),
     }
     if colors is not None:
         attributes["COLOR_0"] = file.attribute(colors, "VEC4")
@@ -54,17 +67,22 @@ def glb_of(
         attributes["TEXCOORD_0"] = file.attribute(uvs, "VEC2")
     indices = file.accessor(triangles.tobytes(), _UINT, len(triangles), "SCALAR", _ELEMENTS)
     surface: dict[str, object] = {"metallicFactor": 0.0, "roughnessFactor": 0.95}
-    content: dict[str, object] = {}
+    extensions: list[str] = []
     if picture is not None:
-        content |= file.picture(picture)
-        surface["baseColorTexture"] = {"index": 0}
-    material: dict[str, object] = {"pbrMetallicRoughness": surface, "doubleSided": unlit}
-    if transparent:
-        material["alphaMode"] = "BLEND"
+        surface["baseColorTexture"] = {"index": file.picture(picture, is_jpeg)}
+    if color is not None:
+        surface["baseColorFactor"] = [*map(float, color), 1.0]
+    material: dict[str, object] = {"pbrMetallicRoughness": surface, "doubleSided": unlit or has_holes}
+    if transparent or has_holes:
+        material["alphaMode"] = "MASK" if has_holes else "BLEND"
+    if relief is not None:
+        often = {"KHR_texture_transform": {"scale": [relief[1], relief[1]]}}
+        material["normalTexture"] = {"index": file.picture(relief[0], True), "extensions": often}
+        extensions.append("KHR_texture_transform")
     if unlit:
         material["extensions"] = {"KHR_materials_unlit": {}}
-        content["extensionsUsed"] = ["KHR_materials_unlit"]
-    content |= {
+        extensions.append("KHR_materials_unlit")
+    content: dict[str, object] = {
         "asset": {"version": "2.0"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
@@ -72,7 +90,9 @@ def glb_of(
         "meshes": [{"primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}],
         "materials": [material],
     }
-    return file.glb(content)
+    if extensions:
+        content["extensionsUsed"] = extensions
+    return file.glb(content | file.textures())
 
 
 class _Writer:
@@ -82,6 +102,7 @@ class _Writer:
         self._data = bytearray()
         self._views: list[dict[str, object]] = []
         self._accessors: list[dict[str, object]] = []
+        self._images: list[dict[str, object]] = []
 
     def attribute(self, values: np.ndarray, kind: str, bounds: bool = False) -> int:
         """Add floats of the vertices; returns the index of their accessor."""
@@ -97,18 +118,24 @@ class _Writer:
         self._accessors.append({"bufferView": view, "componentType": component, "count": count, "type": kind})
         return len(self._accessors) - 1
 
-    def picture(self, picture: np.ndarray) -> dict[str, object]:
-        """Add a picture; returns the entries of the file's content that name it."""
+    def picture(self, picture: np.ndarray, is_jpeg: bool) -> int:
+        """Add a picture; returns the index of its texture."""
         from PIL import Image  # comes with viser, which alone shows these files
 
-        png = io.BytesIO()
-        Image.fromarray(np.ascontiguousarray(picture[..., :3])).save(png, "PNG")
-        view = self._view(png.getvalue(), {})
+        data, kind = io.BytesIO(), "jpeg" if is_jpeg else "png"
+        Image.fromarray(np.ascontiguousarray(picture[..., :4])).save(data, kind.upper(), quality=80)
+        self._images.append({"bufferView": self._view(data.getvalue(), {}), "mimeType": f"image/{kind}"})
+        return len(self._images) - 1
+
+    def textures(self) -> dict[str, object]:
+        """Entries of the file's content for all pictures."""
+        if not self._images:
+            return {}
         linear, mipmap, repeat = 9729, 9987, 10497
         return {
-            "images": [{"bufferView": view, "mimeType": "image/png"}],
+            "images": self._images,
             "samplers": [{"magFilter": linear, "minFilter": mipmap, "wrapS": repeat, "wrapT": repeat}],
-            "textures": [{"source": 0, "sampler": 0}],
+            "textures": [{"source": i, "sampler": 0} for i in range(len(self._images))],
         }
 
     def _view(self, data: bytes, more: dict[str, object]) -> int:

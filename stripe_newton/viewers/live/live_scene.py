@@ -18,6 +18,7 @@ from stripe_newton.viewers.viewed_simulation import ViewedSimulation
 
 from .glb_file import glb_of
 from .merged_field import merged_field
+from .scenery_files import foliage_file, ground_file, has_colors
 
 if TYPE_CHECKING:
     import viser
@@ -33,6 +34,8 @@ _THINNER = 0.008
 """Share by which round shapes get thinner from body to body: surfaces that meet in a joint would flicker."""
 _UNIT = {newton.GeoType.SPHERE: (0, 0, 0), newton.GeoType.BOX: (0, 1, 2), newton.GeoType.ELLIPSOID: (0, 1, 2)}
 """Shapes that are one mesh in all sizes, with the sizes along x, y and z."""
+_FIELD_TOLERANCE, _GROUND_TOLERANCE = 1.0e-3, 0.025
+"""Largest errors of height fields and of those outdoors, which would be tens of megabytes otherwise [m]."""
 _AWAY = (0.0, 0.0, -1.0e4)
 """Where shapes are put whose pose is not finite [m]."""
 
@@ -64,7 +67,7 @@ class LiveScene:
     def __init__(self, server: viser.ViserServer, sim: ViewedSimulation, env_ids: Sequence[int]):
         self._server, self._sim = server, sim
         self.env_ids = [int(i) for i in env_ids]
-        self.model = DisplayModel(sim, env_ids, natural=False, is_traced=False)
+        self.model = DisplayModel(sim, env_ids, is_traced=False)
         self.batches: list[ShapeBatch] = []
         self.grounds: list[np.ndarray] = []
         """Poses of endless planes, which are left to the backdrop."""
@@ -119,8 +122,9 @@ class LiveScene:
         kinds = self.model.kinds
         scales, local, colors = shapes.shape_scale.numpy(), shapes.shape_transform.numpy(), shapes.shape_color.numpy()
         groups: dict[tuple[object, ...], list[int]] = {}
+        scenery = set(self.model.scenery.tolist())  # hidden from the renderer of pictures, which traces it apart
         for i in range(shapes.shape_count):
-            if not int(flags[i]) & int(newton.ShapeFlags.VISIBLE):
+            if not int(flags[i]) & int(newton.ShapeFlags.VISIBLE) and i not in scenery:
                 continue
             if kinds[i] == int(newton.GeoType.PLANE) and not scales[i][:2].any():
                 self.grounds.append(compose(self._pose(int(bodies[i]))[None], local[i][None])[0])
@@ -154,7 +158,7 @@ class LiveScene:
     ) -> None:
         """Add a batch of shapes that have one mesh."""
         first = int(shapes[0])
-        kind, source = int(self.model.kinds[first]), self.model.sources[first]
+        kind = int(self.model.kinds[first])
         vertices, faces, sizes = self._mesh(first, kind, scales)
         if kind in _ROUND and self.model.body_count:
             rank = np.where(bodies >= 0, bodies % self.model.body_count % 6, 0)
@@ -169,10 +173,8 @@ class LiveScene:
             "lod": "off",  # simplified meshes have holes
         }
         name, scene = f"{ROOT}/shape_{number}", self._server.scene
-        picture = _picture(source) if kind == int(newton.GeoType.MESH) else None
-        if picture is not None:
-            uvs = np.asarray(source.uvs, dtype=float) * (1.0, -1.0) + (0.0, 1.0)
-            glb = glb_of(vertices, faces, uvs=uvs, picture=picture)
+        glb = self._file(first, vertices, faces, colors[0], poses[0])
+        if glb is not None:
             handle: viser.BatchedMeshHandle | viser.BatchedGlbHandle = scene.add_batched_glb(name, glb, **args)
         else:
             # Single sheets of triangles, as scanned grounds have them, are seen from both sides.
@@ -181,6 +183,23 @@ class LiveScene:
             args["flat_shading"] = kind == int(newton.GeoType.HFIELD)
             handle = scene.add_batched_meshes_simple(name, vertices, faces, batched_colors=linear_bytes(colors), **args)
         self.batches.append(ShapeBatch(handle, bodies.astype(int), local.astype(float)))
+
+    def _file(
+        self, shape: int, vertices: np.ndarray, faces: np.ndarray, color: np.ndarray, pose: np.ndarray
+    ) -> bytes | None:
+        """The mesh of a batch as a GLB file, if it has a texture; else None."""
+        source, kind = self.model.sources[shape], int(self.model.kinds[shape])
+        if kind == int(newton.GeoType.HFIELD):
+            return ground_file(source, pose, vertices, faces) if has_colors(source) else None
+        if kind != int(newton.GeoType.MESH):
+            return None
+        if getattr(source, "foliage", ""):
+            return foliage_file(source, np.array(newton.utils.color_srgb_to_linear(tuple(map(float, color)))))
+        picture = _picture(source)
+        if picture is None:
+            return None
+        uvs = np.asarray(source.uvs, dtype=float) * (1.0, -1.0) + (0.0, 1.0)
+        return glb_of(vertices, faces, uvs=uvs, picture=picture)
 
     def _mesh(self, shape: int, kind: int, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Vertices and faces of the mesh of a batch, and the factors of its instances, shape ``(n, 3)``."""
@@ -192,7 +211,8 @@ class LiveScene:
             return vertices, faces, np.abs(scales) if mirror < 0.0 else scales
         if kind == int(newton.GeoType.HFIELD) and (scales[0] > 0.0).all():
             vertices, _ = shape_mesh(kind, scales[0], source, label)
-            vertices, faces = merged_field(vertices.reshape(int(source.nrow), int(source.ncol), 3))
+            tolerance = _GROUND_TOLERANCE if has_colors(source) else _FIELD_TOLERANCE
+            vertices, faces = merged_field(vertices.reshape(int(source.nrow), int(source.ncol), 3), tolerance)
             return vertices, faces, np.ones((len(scales), 3))
         if kind in map(int, _UNIT):
             axes = list(_UNIT[newton.GeoType(kind)])

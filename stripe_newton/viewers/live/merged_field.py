@@ -9,15 +9,14 @@ __all__ = ["merged_field"]
 
 _LARGEST = 64
 """Side of the largest square that is tried, in cells."""
-_TOLERANCE = 1.0e-3
-"""Largest distance of the field from the two triangles of a square [m]."""
 
 
-def merged_field(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def merged_field(points: np.ndarray, tolerance: float = 1.0e-3) -> tuple[np.ndarray, np.ndarray]:
     """Triangles of a height field, with squares of cells that are even in a few triangles.
 
     Args:
         points: The surface, x along the columns and y along the rows [m], shape ``(rows, columns, 3)``.
+        tolerance: Largest distance of the field from the two triangles of a square [m].
 
     Returns:
         Vertices, shape ``(n, 3)``, and faces, counterclockwise seen from above, shape ``(m, 3)``. Neighbours share the
@@ -30,7 +29,7 @@ def merged_field(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     squares: dict[int, np.ndarray] = {}  # numbers of their first corners, by side
     size = _LARGEST
     while size >= 1:
-        row, column = _even_squares(heights, is_covered, size)
+        row, column = _even_squares(heights, is_covered, size, tolerance)
         for r in range(size):
             for c in range(size):
                 is_covered[row + r, column + c] = True
@@ -69,7 +68,9 @@ def _triangles(low: np.ndarray, size: int, columns: int, is_corner: np.ndarray) 
     return np.concatenate([plain, fan])
 
 
-def _even_squares(heights: np.ndarray, is_covered: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+def _even_squares(
+    heights: np.ndarray, is_covered: np.ndarray, size: int, tolerance: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the first cells of squares that two triangles replace and that nothing covers yet."""
     if min(is_covered.shape) < size:
         return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
@@ -82,7 +83,7 @@ def _even_squares(heights: np.ndarray, is_covered: np.ndarray, size: int) -> tup
         y = y[:, None]
         upper = (1.0 - x - y) * a + x * b + y * c  # the triangle at the first corner
         lower = (x + y - 1.0) * d + (1.0 - y) * b + (1.0 - x) * c
-        even = np.abs(windows - np.where(x + y <= 1.0, upper, lower)).max(axis=(2, 3)) <= _TOLERANCE
+        even = np.abs(windows - np.where(x + y <= 1.0, upper, lower)).max(axis=(2, 3)) <= tolerance
         free &= even
     row, column = np.nonzero(free)
     return row * size, column * size

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contact room: contacts and constraint rows that a world of a model may need at once."""
+"""Contact capacity: contacts and constraint rows that a world of a model may need at once."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import newton
 import numpy as np
 from newton import GeoType, ShapeFlags
 
-__all__ = ["contact_room"]
+__all__ = ["contact_capacity"]
 
 _POINTS = {GeoType.SPHERE: 1, GeoType.ELLIPSOID: 1, GeoType.CAPSULE: 2}
 _ON_FIELD = {GeoType.SPHERE: 4, GeoType.ELLIPSOID: 4, GeoType.CAPSULE: 6}
@@ -21,7 +21,7 @@ _ROWS = 4
 """Rows of a contact: a pyramid with two tangents."""
 
 
-def contact_room(model: newton.Model, on_triangles: bool = False) -> tuple[int, int]:
+def contact_capacity(model: newton.Model, on_triangles: bool = False) -> tuple[int, int]:
     """Contacts and constraint rows of a world in which each body that can move lies on others.
 
     MuJoCo Warp's own defaults, 48 contacts and 64 rows without a height field, are too few for a hand or a pile.
