@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from .contact_pairs import ContactPair
+from .contact_pairs import ContactPair, is_searched
 from .topology import dof_couplings, dofs_of_body, turned_size
 
 __all__ = ["LimbForm", "why_no_limbs"]
@@ -25,6 +25,8 @@ _HITS = {
     "PLANE_SPHERE": 1, "PLANE_CAPSULE": 2, "PLANE_BOX": 4, "PLANE_CYLINDER": 4,
     "SPHERE_SPHERE": 1, "SPHERE_CAPSULE": 1, "SPHERE_BOX": 1, "CAPSULE_CAPSULE": 2, "CAPSULE_BOX": 2, "BOX_BOX": 8,
     "FIELD_SPHERE": 4, "FIELD_HIGH_END": 2, "FIELD_LOW_END": 2, "FIELD_AXIS": 2, "FIELD_BOX": 4, "FIELD_CYLINDER": 4,
+    "MESH_SPHERE": 4, "MESH_HIGH_END": 2, "MESH_LOW_END": 2, "MESH_AXIS": 2, "MESH_BOX": 4,
+    **{f"MESH_CORNER_{i}": 2 for i in range(8)},
 }  # fmt: skip
 """Routines of pairs that it has, and how many contacts each finds at most."""
 
@@ -187,7 +189,7 @@ def _reasons(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> Iterator[st
         if sum(_moves(model, int(model.geom_bodyid[g])) for g in (pair.geom1, pair.geom2)) != 1:
             yield "parts of it may touch each other"
         if pair.kind not in _HITS:
-            yield "it touches other things than primitives and height fields"
+            yield "it touches other things than primitives, height fields and static meshes"
         if pair.dim not in (1, 3):
             yield "contacts have torsional or rolling friction"
     hub, limbs = _divide(model)
@@ -252,7 +254,20 @@ def _share_pairs(
             shares[limb].append(p)
     for p in of_hub:
         min(shares, key=lambda share: sum(_HITS.get(pairs[i].kind, 1) for i in share)).append(p)
-    return shares
+    if all(map(_is_plane, pairs)):
+        return shares
+
+    def order(p: int) -> tuple[int, int, bool, int]:
+        return (*_moving_first(model, pairs[p]), is_searched(pairs[p]), p)
+
+    # Those of a geom, and its parts on a ground, one after another, so that it is placed once.
+    return [sorted(share, key=order) for share in shares]
+
+
+def _moving_first(model: mujoco.MjModel, pair: ContactPair) -> tuple[int, int]:
+    """The geom of a pair that moves, then the other one."""
+    one, other = pair.geom1, pair.geom2
+    return (one, other) if _moves(model, int(model.geom_bodyid[one])) else (other, one)
 
 
 def _is_plane(pair: ContactPair) -> bool:

@@ -43,7 +43,10 @@ _CLEARANCE = np.dtype(
     [("low", "3f4"), ("cells_per_metre", "f4"), ("size", "3i4"), ("unit", "f4"), ("cells", "u8"), ("none", "u8")]
 )
 """As struct Clearance of search.h."""
-_FACE = np.dtype([("corners", "(3,3)f4"), ("geom", "i4"), ("is_solid", "i4"), ("none", "i4")])
+_FACE = np.dtype(
+    [("normal", "3f4"), ("geom", "i4"), ("a", "3f4"), ("is_solid", "i4"), ("b", "3f4"), ("none1", "i4"), ("c", "3f4"),
+     ("none2", "i4")]
+)  # fmt: skip
 """As struct MeshFace of meshes.h."""
 _EDGE = np.dtype([("corners", "(4,3)f4"), ("geom", "i4"), ("is_solid", "i4"), ("none", "2i4")])
 """As struct MeshEdge of meshes.h: its ends, and the third corners of the faces on both sides."""
@@ -83,7 +86,7 @@ class MeshGrids:
 
     def _grids(self, meshes: list[TriangleMesh]) -> Iterable[np.ndarray]:
         faces, edges = _faces_and_edges(meshes)
-        yield self._grid(faces, faces["corners"], _CELLS[0], self.reach)
+        yield self._grid(faces, _corners(faces), _CELLS[0], self.reach)
         yield self._grid(edges, edges["corners"][:, :2], _CELLS[1], 0.0)
         yield self._clearance(faces)
 
@@ -98,7 +101,7 @@ class MeshGrids:
 
     def _clearance(self, faces: np.ndarray) -> np.ndarray:
         """The record of the grid of distances to the nearest face."""
-        points = faces["corners"].reshape(-1, 3).astype(float)
+        points = _corners(faces).reshape(-1, 3).astype(float)
         low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(3), np.zeros(3))
         cell = _CLEAR_CELL
         while np.prod(_cells(low, high, cell), dtype=float) > _MOST_CLEAR_CELLS:
@@ -132,7 +135,10 @@ def _faces_and_edges(meshes: list[TriangleMesh]) -> tuple[np.ndarray, np.ndarray
     is_open = np.bincount(of_face, (neighbours < 0).any(axis=1), len(meshes)) > 0
     solid = (~is_open & (_volumes(vertices, of_vertex, faces, of_face, len(meshes)) > 0.0))[of_face]
     made = np.zeros(len(faces), _FACE)
-    made["corners"], made["geom"], made["is_solid"] = vertices[faces], geoms[of_face], solid
+    made["geom"], made["is_solid"] = geoms[of_face], solid
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    made["a"], made["b"], made["c"] = a, b, c
+    made["normal"] = _normals(a, b, c)
 
     face, side = np.nonzero(neighbours < np.arange(len(faces))[:, None])  # each edge once, borders too
     other = neighbours[face, side]
@@ -142,9 +148,7 @@ def _faces_and_edges(meshes: list[TriangleMesh]) -> tuple[np.ndarray, np.ndarray
     is_end = (across[:, :, None] == ends[:, None, :]).any(axis=2)
     right = np.where(other >= 0, across[np.arange(len(other)), is_end.argmin(axis=1)], left)
     a, b, c = (vertices[faces[face, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    height = np.einsum("ij,ij->i", vertices[right] - vertices[ends[:, 0]], normals)
+    height = np.einsum("ij,ij->i", vertices[right] - vertices[ends[:, 0]], _normals(a, b, c))
     # Of a solid the edges at which it bends down; of an open mesh, all at which it bends or ends.
     bends = (other < 0) | (height < -_LEVEL) | ((height > _LEVEL) & ~solid[face])
     edges = np.zeros(int(bends.sum()), _EDGE)
@@ -155,6 +159,17 @@ def _faces_and_edges(meshes: list[TriangleMesh]) -> tuple[np.ndarray, np.ndarray
         solid[face[bends]],
     )
     return made, edges
+
+
+def _corners(faces: np.ndarray) -> np.ndarray:
+    """Corners of records of faces, shape ``(faces, 3, 3)``."""
+    return np.stack([faces[name] for name in ("a", "b", "c")], axis=1)
+
+
+def _normals(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Normals of triangles by their corners, shape ``(triangles, 3)``."""
+    normals = np.cross(b - a, c - a)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def _volumes(

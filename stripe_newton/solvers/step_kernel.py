@@ -28,15 +28,15 @@ __all__ = [
 
 _SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "hulls.h", "hull_contacts.h", "search.h", "heightfield.h", "meshes.h",
-    "contact_fields.h", "world.h", "rows.h", "poses.h", "impedance.h", "dynamics.h", "constraints.h", "attachments.h",
-    "geoms.h", "ground_parts.h", "collision.h", "touches.h", "ground.h", "newton.h", "newton_state.h", "per_step.h",
-    "launch.h", "results.h", "accelerations.h", "step.h",
+    "search_hits.h", "contact_fields.h", "world.h", "rows.h", "poses.h", "impedance.h", "dynamics.h", "constraints.h",
+    "attachments.h", "geoms.h", "ground_parts.h", "collision.h", "touches.h", "ground.h", "newton.h", "newton_state.h",
+    "per_step.h", "launch.h", "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 _LIMB_SOURCES = (
-    "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "contact_fields.h", "limb_world.h", "rows.h",
-    "poses.h", "impedance.h", "geoms.h", "ground_parts.h", "copies.h", "newton_state.h", "per_step.h", "launch.h",
-    "limb_state.h", "limb_frames.h", "limb_parameters.h", "limb_dynamics.h", "limb_ground.h", "limb_contacts.h",
-    "limb_newton.h", "limb_step.h",
+    "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "search_hits.h",
+    "contact_fields.h", "limb_world.h", "rows.h", "poses.h", "impedance.h", "geoms.h", "ground_parts.h", "copies.h",
+    "newton_state.h", "per_step.h", "launch.h", "limb_state.h", "limb_frames.h", "limb_parameters.h",
+    "limb_dynamics.h", "limb_ground.h", "limb_contacts.h", "limb_newton.h", "limb_step.h",
 )  # fmt: skip
 """Those of the form for a hub with limbs."""
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")

@@ -8,6 +8,7 @@ import newton
 import numpy as np
 
 from stripe_newton.solvers import SolverFused
+from stripe_newton.solvers.static_meshes import MUST, add_triangles_attribute
 
 OPTION = '<compiler angle="radian"/><option timestep="0.005" integrator="{integrator}"/>'
 PLANE = '<geom type="plane" size="0 0 1" euler=".09 .05 0" condim="1" contype="1" conaffinity="2"/>'
@@ -18,14 +19,19 @@ POSTS = """<body pos=".3 .1 0"><geom type="capsule" fromto="0 0 -.2 .1 0 .4" siz
 """What stands about: in bodies of their own and of the world."""
 FIELD = '<geom type="hfield" hfield="hills" contype="1" conaffinity="2"/>'
 HILLS = '<asset><hfield name="hills" nrow="20" ncol="24" size="1.2 1 .12 .1" elevation="{}"/></asset>'
+MESHES = """<geom type="box" pos="0 0 -.2" euler=".03 .05 0" size="2 2 .2" contype="1" conaffinity="2" condim="1"/>
+<geom type="box" pos="0 -.25 .02" euler=".2 .1 .3" size=".15 .1 .1" contype="1" conaffinity="2" friction=".3"/>
+<geom type="cylinder" pos=".3 .1 0" euler="1.2 0 0" size=".1 .2" contype="1" conaffinity="2" friction=".7"/>"""
+"""What is touched by its triangles, see :func:`walker_worlds`."""
 LEG = """<body pos="{x} {y} 0"><joint axis="1 0 0" range="-.6 .6" limited="true" damping=".1" armature=".01"/>
 <joint axis="0 1 0.1" pos="0 0 .01" range="-1 .3" limited="true" margin=".02" damping=".1" armature=".01" name="{n}a"/>
 <geom type="capsule" fromto="0 0 0 0 0 -.25" size=".03"/><body pos="0 0 -.25" euler="0 .17 0" gravcomp="0.5">
 <joint axis="0 1 0" stiffness="2" springref=".2" {loss} name="{n}b" actuatorfrcrange="-1 1"/>
 <geom type="capsule" fromto="0 0 0 0.05 0 -.2" size=".02" condim="3"/>
 <body pos=".05 0 -.2"><geom type="sphere" size=".03" mass=".1" condim="3" friction=".6"/></body></body></body>"""
-ARM = """<body pos="0 {y} .1"><joint axis="0 0 1" type="slide" range="-.1 .1" limited="true" name="{n}c"
-armature=".1"/><geom type="cylinder" size=".03 .08"/></body>"""
+ARM_SHAPE = '<geom type="cylinder" size=".03 .08"/>'
+ARM = f"""<body pos="0 {{y}} .1"><joint axis="0 0 1" type="slide" range="-.1 .1" limited="true" name="{{n}}c"
+armature=".1"/>{ARM_SHAPE}</body>"""
 TRUNK = '<geom type="box" size=".2 .1 .05" density="500"/>'
 DRIVES = """<actuator><position joint="la" kp="20" kv="1" ctrlrange="-.5 .5"/>
 <motor joint="lb" gear="3" forcerange="-.4 .4"/><position joint="rc" kp="50" kv="3"/>
@@ -77,11 +83,17 @@ def walker(name: str, integrator: str = "implicitfast", replaced: tuple[str, str
 
 
 def walker_worlds(name: str, num_worlds: int, ground: str = PLANE, device: str = "cpu") -> newton.Model:
-    """Worlds of a Newton model, which has planes and fields in no body."""
-    one = newton.ModelBuilder()
-    SolverFused.register_custom_attributes(one)
-    one.add_mjcf(walker_xml(name, replaced=(GROUND, ground)))
-    scene = newton.ModelBuilder()
-    SolverFused.register_custom_attributes(scene)
+    """Worlds of a Newton model, which has planes and fields in no body; :data:`MESHES` are touched by triangles."""
+    one, scene = newton.ModelBuilder(), newton.ModelBuilder()
+    for each in (one, scene):
+        SolverFused.register_custom_attributes(each)
+        add_triangles_attribute(each)
+    text = walker_xml(name, replaced=(GROUND, ground))
+    if ground == MESHES:
+        text = text.replace(ARM_SHAPE, ARM_SHAPE.replace("cylinder", "capsule"))
+    one.add_mjcf(text)
+    if ground == MESHES:
+        static = [shape for shape, body in enumerate(one.shape_body) if body < 0]
+        one.custom_attributes["stripe:triangles"].values.update(dict.fromkeys(static, MUST))
     scene.replicate(one, num_worlds)
     return scene.finalize(device=device)

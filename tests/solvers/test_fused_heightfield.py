@@ -72,7 +72,7 @@ FN Box box_of(const World& w, const Sources&, int) { return w.box; }
 def fused_kernel(double: bool) -> wp.Kernel:
     """Kernel of the C++ source, for geoms that need no model."""
     folder = Path(stripe_kernels.__file__).parent / "fused"
-    names = "algebra.h", "primitives.h", "search.h", "heightfield.h"
+    names = "algebra.h", "primitives.h", "search.h", "heightfield.h", "search_hits.h"
     touches = (folder / "touches.h").read_text()
     search = "\n#if HAS_SEARCHES\nnamespace fused {\n" + touches[touches.index("// The touch of a candidate") :]
     sources = "".join((folder / name).read_text() for name in names) + WORLD + search

@@ -14,7 +14,7 @@ from stripe_newton.solvers.launch_arguments import ConvertedState, StepCall
 from stripe_newton.solvers.limb_form import LimbForm, why_no_limbs
 from tests.helpers.fused_step import compare
 from tests.helpers.lane_emulator import emulate
-from tests.helpers.limb_models import FIELD, GROUND, PLANE, POSTS, WALKERS, walker, walker_worlds
+from tests.helpers.limb_models import FIELD, GROUND, MESHES, PLANE, POSTS, WALKERS, walker, walker_worlds
 from tests.helpers.solver_models import model_of
 
 STATE = "qpos", "qvel", "qacc_warmstart"
@@ -92,12 +92,12 @@ def launched(solver: SolverFused, before: dict[str, np.ndarray], steps: int) -> 
     return {name: getattr(data, name).numpy().copy() for name in (*STATE, "nefc", "qfrc_actuator")}
 
 
-@pytest.mark.parametrize("ground", [PLANE, FIELD])
+@pytest.mark.parametrize("ground", [PLANE, FIELD, MESHES], ids=["plane", "field", "meshes"])
 def test_worlds_with_parameters_of_their_own(ground):
     """State, bodies and forces of contacts are those of the general form, and so are states of four lanes."""
     model = walker_worlds("floating", 12, ground)
     solver = SolverFused(model, njmax=160, nconmax=40, kinematic_switchable_roots=False)
-    solver.triangles = True
+    solver.triangles = solver.static_triangles = True
     rng, data = np.random.default_rng(2), solver.mjw_data
     for name in ("body_mass", "body_inertia", "dof_damping", "geom_friction", "actuator_gainprm"):
         array = getattr(solver.mjw_model, name)

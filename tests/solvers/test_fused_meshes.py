@@ -195,9 +195,9 @@ def test_cells_list_all_faces_that_are_near():
     grids = MeshGrids([[TriangleMesh(fine.vertices, fine.faces, 3)]], reach, "cpu")
     first, items, faces, _, _, edges, _, record = (a.numpy() for a in grids._arrays)
     # Edges at which it bends down: those at the five convex corners of its outline, and the outline itself, twice.
-    assert (len(faces) // 48, len(edges) // 64) == (len(fine.faces), 8 * (5 + 2 * 6))
+    assert (len(faces) // 64, len(edges) // 64) == (len(fine.faces), 8 * (5 + 2 * 6))
     low, scale, size = record[:12].view(np.float32), record[12:16].view(np.float32)[0], record[16:28].view(np.int32)
-    corners = faces.reshape(-1, 48)[:, :36].copy().view(np.float32).reshape(-1, 3, 3)
+    corners = faces.view(np.float32).reshape(-1, 4, 4)[:, 1:, :3]  # behind the normals
     for point in np.random.default_rng(4).uniform([-0.05, -0.05, -0.05], [2.05, 1.05, 2.05], size=(100, 3)):
         col, row, layer = np.floor((point - low) * scale).astype(int)
         cell = (layer * size[1] + row) * size[0] + col

@@ -25,7 +25,7 @@ WIDTH, DEPTH, WALL, STOREY = 10.0, 7.0, 0.12, 2.6
 """Extent along x and y, thickness of the walls, height of the rooms [m]."""
 GALLERY, EDGE = 2.8, 1.0
 """Height of the gallery, and x of its edge [m]."""
-STEPS, RISE, TREAD = 20, 0.14, 0.3
+STEPS, RISE, TREAD = 20, 0.14, 0.27
 """Steps of the stairs, the last of which is the gallery itself, their height and depth [m]."""
 
 WHITE, OAK, PINE, GREY = (0.82, 0.80, 0.76), (0.42, 0.27, 0.14), (0.62, 0.46, 0.28), (0.33, 0.35, 0.38)

@@ -34,6 +34,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("tasks", nargs="+")
     parser.add_argument("--num-envs", type=int, nargs="+", default=[256])
+    parser.add_argument("--scenery", help="a stage, in which the tasks take place")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--launches", type=int, default=20)
     args = parser.parse_args()
@@ -43,10 +44,10 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|")
     for task in args.tasks:
         for num_envs in args.num_envs:
-            print(row(task, num_envs, args.device, args.launches), flush=True)
+            print(row(task, num_envs, args.scenery, args.device, args.launches), flush=True)
 
 
-def row(task: str, num_envs: int, device: str, launches: int) -> str:
+def row(task: str, num_envs: int, scenery: str | None, device: str, launches: int) -> str:
     """Row of the table for a task.
 
     Raises:
@@ -54,6 +55,8 @@ def row(task: str, num_envs: int, device: str, launches: int) -> str:
     """
     cfg = load_cfg(task, "env")
     cfg.scene.num_envs, cfg.sim.device, cfg.seed = num_envs, device, 1
+    if scenery is not None:
+        cfg.scene.scenery = scenery
     env = make_env(task, cfg).unwrapped
     assert isinstance(env, RLEnv)
     env.reset(seed=1)

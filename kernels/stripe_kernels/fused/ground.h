@@ -15,11 +15,7 @@ FN bool is_near(const World& w, const Parameters& P, int p) {
     const real reach = c.radius + larger(margin_of(P, p), 0) + (real)1e-5;  // more than rounding
 #if HAS_MESHES
     if (contact_kind(p) >= MESH_SPHERE) {
-        const Clearance& field = sources_of(P).meshes[contact_mesh(p)].clearance;
-        const Vec first = at + axes * c.first, step = axes * c.step;
-        bool near = false;
-        for (int i = 0; i < c.count; i++) near |= clearance_at(field, first + (real)i * step) <= reach;
-        return near;
+        return is_near_mesh(sources_of(P).meshes[contact_mesh(p)].clearance, axes, at, c, reach);
     }
 #endif
 #if HAS_FIELDS
@@ -30,17 +26,13 @@ FN bool is_near(const World& w, const Parameters& P, int p) {
 }
 
 #if HAS_MESHES
-// Whether a ball or a corner of a geom that is near a mesh is near it itself; other parts are.
+// Whether a part of a geom that is near its ground is near itself.
 FN bool is_part_near(const World& w, const Parameters& P, int p) {
-    const int k = ground_part(p);
-    if (contact_kind(p) < MESH_SPHERE || k == SPHERE_OF || k == AXIS_OF || k == BOX_OF) return true;
-    PairGeoms g = geoms_of(w, P, p);
-    Vec h = g.b.size, at;
-    if (k < AXIS_OF) at = Vec{0, 0, k == HIGH_END_OF ? h.y : -h.y};
-    else at = Vec{k - CORNERS_OF & 1 ? -h.x : h.x, k - CORNERS_OF & 2 ? -h.y : h.y, k - CORNERS_OF & 4 ? -h.z : h.z};
-    at = transposed(g.a.axes) * (g.b.pos + g.b.axes * at - g.a.pos);
-    const real reach = (k < AXIS_OF ? h.x : 0) + larger(margin_of(P, p), 0) + (real)1e-5;
-    return clearance_at(sources_of(P).meshes[contact_mesh(p)].clearance, at) <= reach;
+    if (contact_kind(p) < MESH_SPHERE) return true;
+    const PairGeoms g = geoms_of(w, P, p);
+    const Mat axes = transposed(g.a.axes);
+    const Clearance& field = sources_of(P).meshes[contact_mesh(p)].clearance;
+    return is_part_near_mesh(field, axes, axes * (g.b.pos - g.a.pos), g.b, ground_part(p), margin_of(P, p));
 }
 #endif
 

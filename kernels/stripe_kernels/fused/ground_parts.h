@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ground parts: geoms on height fields and meshes, the parts of them that are searched for touches, and which are near a field.
+// Ground parts: geoms on height fields and meshes, the parts of them that are searched for touches, and which
+// are near.
 
 #if HAS_SEARCHES
 namespace fused {
@@ -52,6 +53,29 @@ FN bool is_near_field(const Patch& patch, const Mat& axes, const Cover& c, real 
     Vec half = (real)(c.count / 2) * step;
     half = Vec{FABS(half.x) + reach, FABS(half.y) + reach, FABS(half.z) + reach};
     return peak(patch, cells_below(patch, -1 * half, half)) >= -half.z;
+}
+#endif
+
+#if HAS_MESHES
+// Whether balls that hold a geom, by `reach` larger, may come to a face: by the distances to the nearest one. The rows of `axes`
+// are those of the meshes, in whose frame the geom is `at` a point.
+FN bool is_near_mesh(const Clearance& field, const Mat& axes, Vec at, const Cover& c, real reach) {
+    const Vec first = at + axes * c.first, step = axes * c.step;
+    bool near = false;
+    for (int i = 0; i < c.count; i++) near |= clearance_at(field, first + (real)i * step) <= reach;
+    return near;
+}
+
+// The same of a part of a geom that is near: a ball at an end or a corner by itself; other parts are near.
+FN bool is_part_near_mesh(const Clearance& field, const Mat& axes, Vec at, const Geom& geom, int part, real margin) {
+    if (part == SPHERE_OF || part == AXIS_OF || part == BOX_OF) return true;
+    const Vec h = geom.size;
+    const int k = part - CORNERS_OF;
+    const bool is_end = part < AXIS_OF;
+    const Vec end{0, 0, part == HIGH_END_OF ? h.y : -h.y};
+    const Vec local = is_end ? end : Vec{k & 1 ? -h.x : h.x, k & 2 ? -h.y : h.y, k & 4 ? -h.z : h.z};
+    const real reach = (is_end ? h.x : 0) + larger(margin, 0) + (real)1e-5;
+    return clearance_at(field, at + axes * (geom.axes * local)) <= reach;
 }
 #endif
 

@@ -4,16 +4,16 @@
 
 namespace fused {
 
-// A contact of a slot, from what collision detection found of the pair `p`, of which one geom moves.
-FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const Limb& L, int slot, int p, const Hit& hit) {
+// A contact of a slot, from what collision detection found of the pair `p`, of which one geom moves. `geom` is the first one:
+// meshes that do not move are together in pairs of one of them.
+FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const Limb& L, int slot, int p, int geom, const Hit& hit) {
     const int b1 = geom_body(contact_geom1(p)), b2 = geom_body(contact_geom2(p));
     const bool is_first = MORE_THAN_PLANES && !body_dofs(b2);  // the geom that moves
     const int b = is_first ? b1 : b2;
     const Vec n = hit.normal, t = tangent_of(n, hit.along), frame[3] = {n, t, cross(n, t)};
-    const Vec at = MORE_THAN_PLANES ? hit.pos + (origin_of(w, b1, b2) - origin_of(w, b)) : hit.pos;
     Material m;
     real friction[5];
-    mix(m, friction, P, p, contact_geom1(p));
+    mix(m, friction, P, p, geom_with_parameters(P, geom));
     const real pos = hit.dist - margin_of(P, p), mu = friction[0] * SQRT(1 / (real)IMPRATIO);
     const real weight = P.weight()[2 * b1] + P.weight()[2 * b2];
     const Impedance z = impedance(P, m.solref, m.solimp, pos);
@@ -30,7 +30,7 @@ FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const L
         }
         const int i = of_hub ? hub_dof(c) : limb_dof(slot * LD + d);
         Spatial s = of_hub ? hub_motion(w, c) : L.S[d];
-        Vec u = s.l + cross(s.a, at);
+        Vec u = s.l + cross(s.a, hit.pos);
         if (!is_moved_by(b, i)) u = Vec{0, 0, 0};
         if (is_first) u = -1 * u;
         for (int k = 0; k < 3; k++) {
@@ -43,60 +43,137 @@ FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const L
     for (int k = 0; k < 2; k++) o.friction[k] = slides ? 0 : friction[k];
     o.rows = slides ? 1 : 4;
 #if CONTACT_FORCES
-    o.pair = p, o.normal = n, o.tangent = t;
+    o.pair = p, o.geom = geom, o.normal = n, o.tangent = t;
 #endif
 }
 
-// Geoms of a pair, relative to the point that their contacts are relative to.
-FN PairGeoms limb_pair_geoms(const World& w, const Parameters& P, int p) {
-    if (MORE_THAN_PLANES && contact_kind(p) > PLANE_CYLINDER) return geoms_of(w, P, p);
-    const int g = contact_geom2(p);
+// A geom that does not move, relative to the origin of the tree of the body `b`.
+FN Geom static_geom(const World& w, const Parameters& P, int g, int b) {
+    Geom o = geom_of(w, P, g);
+    o.pos = o.pos + (origin_of(w, geom_body(g)) - origin_of(w, b));
+    return o;
+}
+FN Geom plane_of(const World& w, int p) {
     const real* at = w.planes + 6 * pair_plane(p);
     const Vec normal = load(at + 3);
-    const Mat axes{{0, 0, normal.x}, {0, 0, normal.y}, {0, 0, normal.z}};
-    return PairGeoms{Geom{load(at) - origin_of(w, geom_body(g)), axes, {0, 0, 0}}, geom_of(w, P, g)};
+    return Geom{load(at) - origin_of(w, geom_body(contact_geom2(p))), Mat{{0, 0, normal.x}, {0, 0, normal.y}, {0, 0, normal.z}}, {0, 0, 0}};
 }
 
 // Whether balls around two primitives, whose radii are at most the sums of their sizes, do not touch.
-FN bool are_far(const PairGeoms& g, real margin) {
-    const Vec d = g.b.pos - g.a.pos, a = g.a.size, b = g.b.size;
-    const real reach = a.x + a.y + a.z + b.x + b.y + b.z + margin;
+FN bool are_far(const Geom& a, const Geom& b, real margin) {
+    const Vec d = b.pos - a.pos;
+    const real reach = a.size.x + a.size.y + a.size.z + b.size.x + b.size.y + b.size.z + margin;
     return dot(d, d) > reach * reach;
 }
 
-// Contacts of a slot. Returns their number.
+// What a lane has found so far for the pairs of its limb: the geom that moves and its ground, which the pairs of it share.
+struct Held {
+    int geom;
+    Geom own;
+#if HAS_SEARCHES
+    int searched;
+    bool near;
+    OnGround ground;
+#endif
+};
+// Hold the geom of the pair `p`. Returns the other one.
+FN int hold(Held& h, const World& w, const Parameters& P, int p) {
+    const bool is_first = MORE_THAN_PLANES && !body_dofs(geom_body(contact_geom2(p)));
+    const int g = is_first ? contact_geom1(p) : contact_geom2(p);
+    if (!MORE_THAN_PLANES || g != h.geom) {
+        h.geom = g, h.own = geom_of(w, P, g);
+#if HAS_SEARCHES
+        h.searched = -1;
+#endif
+    }
+    return is_first ? contact_geom2(p) : contact_geom1(p);
+}
+#if HAS_SEARCHES
+// The same with its ground, if the pair has one that is searched.
+FN void hold_ground(Held& h, const World& w, const Parameters& P, int p) {
+    const int other = hold(h, w, P, p), k = searched_geom(p - FIRST_SEARCHED_PAIR);
+    if (k == h.searched) return;
+    h.searched = k;
+    h.ground = on_ground(static_geom(w, P, other, geom_body(h.geom)), h.own);
+    h.near = is_near(h.ground, P, p);
+}
+#endif
+
+// Hits of the pair `p` by its own lane. Returns false if all lanes are to search for them, and `alone` does not forbid it.
+FN bool pair_hits(Hits& hits, int* geoms, Held& h, const World& w, const Parameters& P, int p, bool alone) {
+    hits.count = 0;
+    if (!has_both(P, p)) return true;
+#if HAS_SEARCHES
+    if (p >= FIRST_SEARCHED_PAIR) {
+        hold_ground(h, w, P, p);
+        return !h.near || ground_hits(hits, geoms, h.ground, P, p, alone);
+    }
+#endif
+    const int other = hold(h, w, P, p);
+    if (!MORE_THAN_PLANES || contact_kind(p) <= PLANE_CYLINDER) {
+        primitive_hits(hits, p, margin_of(P, p), plane_of(w, p), h.own);
+        return true;
+    }
+    const Geom still = static_geom(w, P, other, geom_body(h.geom));
+    const bool is_first = other == contact_geom2(p);
+    if (are_far(still, h.own, margin_of(P, p))) return true;
+    primitive_hits(hits, p, margin_of(P, p), is_first ? h.own : still, is_first ? still : h.own);
+    return true;
+}
+
+#if WARP_SEARCHES
+// Hits of a pair of one lane of the warp that has left it to all: of the first such lane. Returns false if there is none.
+FN bool shared_hits(Hits& hits, int* geoms, Held& h, const World& w, const Parameters& P, const short* left, int& count, int& p) {
+    const unsigned votes = __ballot_sync(0xffffffffu, count > 0);
+    hits.count = 0;
+    if (!votes) return false;
+    const int lane = threadIdx.x % 32, from = __popc(~votes & (votes - 1));
+    Search s;
+    if (lane == from) {
+        p = left[--count];
+        hold_ground(h, w, P, p);
+        prepare(s, h.ground, P, p);
+    }
+    ground_hits_of_warp(hits, geoms, (const Mesh*)P.m.meshes, s, h.ground, lane, from);
+    return true;
+}
+#endif
+
+// Contacts of a slot. Returns their number. Pairs of a geom that moves come one after another, and so do its parts on a ground,
+// so that each geom is placed once. Parts on meshes with many candidates are left to all lanes of the warp.
 FN int limb_contacts(LimbContact* found, const World& w, const Parameters& P, const Limb& L, int slot, int& rows, int& overflow) {
-    int count = 0;
-#if HAS_FIELDS
-    int geom = -1;  // over a field: its parts come one after another
-    bool near = false;
+    int count = 0, t = limb_pair_start(slot);
+    const int end = limb_pair_start(slot + 1);
+    Held held;
+    held.geom = -1;
+#if WARP_SEARCHES
+    enum { MOST_LEFT = 8 };
+    short left[MOST_LEFT];
+    int num_left = 0;
+    const bool is_whole = (P.id / (32 / LANES) + 1) * (32 / LANES) <= P.num_worlds;  // no world of the warp is missing
 #endif
-    ROLLED for (int t = limb_pair_start(slot); t < limb_pair_start(slot + 1); t++) {
-        const int p = limb_pair(t);
-        if (!has_both(P, p)) continue;
+    ROLLED for (;;) {
         Hits hits;
-#if HAS_FIELDS
-        if (p >= FIRST_SEARCHED_PAIR) {
-            const int own = searched_geom(p - FIRST_SEARCHED_PAIR);
-            if (own == geom && !near) continue;
-            const PairGeoms g = geoms_of(w, P, p);
-            const OnField o = on_field(P, p, g);
-            if (own != geom) geom = own, near = is_near(o, P, p);
-            if (!near) continue;
-            field_hits(hits, o, P, p, g.a.axes);
-        } else
+        int geoms[4], p = 0;
+#if WARP_SEARCHES
+        if (any_in_warp(t < end)) {
+            hits.count = 0;
+            if (t < end) {
+                p = limb_pair(t++);
+                if (!pair_hits(hits, geoms, held, w, P, p, !is_whole || num_left == MOST_LEFT)) left[num_left++] = (short)p;
+            }
+        } else if (!shared_hits(hits, geoms, held, w, P, left, num_left, p)) break;
+#else
+        if (t == end) break;
+        p = limb_pair(t++);
+        pair_hits(hits, geoms, held, w, P, p, true);
 #endif
-        {
-            const PairGeoms g = limb_pair_geoms(w, P, p);
-            if (MORE_THAN_PLANES && contact_kind(p) > PLANE_CYLINDER && are_far(g, margin_of(P, p))) continue;
-            primitive_hits(hits, p, margin_of(P, p), g.a, g.b);
-        }
         ROLLED for (int i = 0; i < hits.count; i++) {
             if (count == LIMB_CONTACTS) {
                 overflow |= OVERFLOW_CONTACTS;
                 break;
             }
-            set_contact(found[count], w, P, L, slot, p, hits.hit[i]);
+            set_contact(found[count], w, P, L, slot, p, is_on_mesh(p) ? geoms[i] : contact_geom1(p), hits.hit[i]);
             rows += found[count].rows;
             count++;
         }
@@ -127,7 +204,7 @@ FN void write_contact_forces(const Parameters& P, const LimbContact (*found)[LIM
             if (place >= MAX_CONTACTS) break;
             const LimbContact& o = found[l][c];
             Vec f = contact_force(o);
-            P.force_geoms()[2 * place] = contact_geom1(o.pair), P.force_geoms()[2 * place + 1] = contact_geom2(o.pair);
+            P.force_geoms()[2 * place] = o.geom, P.force_geoms()[2 * place + 1] = contact_geom2(o.pair);
             store(P.contact_forces() + 3 * place, f.x * o.normal + f.y * o.tangent + f.z * cross(o.normal, o.tangent));
         }
     if (lane == 0 && all < MAX_CONTACTS) P.force_geoms()[2 * all] = P.force_geoms()[2 * all + 1] = -1;

@@ -92,6 +92,12 @@ FN bool any_in_warp(bool holds) { return __any_sync(0xffffffffu, holds); }
 #else
 FN bool any_in_warp(bool holds) { return holds; }
 #endif
+// Whether all lanes of a warp search for the touches of a part that has many candidates.
+#ifdef __CUDA_ARCH__
+#define WARP_SEARCHES HAS_MESHES
+#else
+#define WARP_SEARCHES 0
+#endif
 // Whether something holds in any lane of this world.
 #define IN_ANY(x) ((BALLOT((x) != 0) & (1u << LANES % 32) - 1) != 0)
 
@@ -128,7 +134,7 @@ struct LimbContact {
     real D, friction[2];
     int rows;
 #if CONTACT_FORCES
-    int pair;
+    int pair, geom;  // and its first geom
     Vec normal, tangent;
 #endif
 };

@@ -9,8 +9,14 @@ namespace fused {
 
 // As in mesh_grid.py. Corners are counterclockwise, seen from outside; `geom` is whose face it is.
 struct alignas(16) MeshFace {
-    float a[3], b[3], c[3];
-    int geom, is_solid, none;
+    float normal[3];
+    int geom;
+    float a[3];
+    int is_solid;
+    float b[3];
+    int none1;
+    float c[3];
+    int none2;
 };
 // The edge a to b of a face whose third corner is `left`; `right` is that of the face on its other side, or `left` again at
 // a border.
@@ -68,15 +74,17 @@ FN int item(const Grid& g, const Cells& c, int i) {
         if (++row > c.last_row) row = c.row, layer++;
     }
 }
+FN Vec normal_of(const MeshFace& f) { return Vec{(real)f.normal[0], (real)f.normal[1], (real)f.normal[2]}; }
+
 // Touch of a point with a face within `reach`, or within `depth` where it is behind a face of a solid. Of faces with the same
 // nearest point the one whose plane is farthest from it tells its side, and comes first by `order`.
 FN bool point_touch(const MeshFace& f, Vec geom, Vec p, real reach, real depth, Touch& hit, real& order) {
-    Triangle t{in_mesh(f.a, geom), in_mesh(f.b, geom), in_mesh(f.c, geom)};
-    Vec n = normal_of(t);
-    real above = dot(p - t.a, n);
-    bool behind = f.is_solid && above < 0;
+    const Vec n = normal_of(f), a = in_mesh(f.a, geom);
+    const real above = dot(p - a, n);
+    const bool behind = f.is_solid && above < 0;
     if (behind) reach = depth;
     if (FABS(above) >= reach) return false;
+    const Triangle t{a, in_mesh(f.b, geom), in_mesh(f.c, geom)};
     Vec point = closest_on_triangle(p, t), offset = p - point;
     real dist = SQRT(dot(offset, offset));
     if (dist >= reach) return false;
@@ -93,7 +101,7 @@ FN int item(const Search& s, const Grid& g, int i) { return s.first >= 0 ? g.ite
 // of a solid, another one is nearer to it. A corner on the other side than the centre is inside, and leaves that way.
 FN bool corner_touch(const MeshFace& f, const Search& s, Touch& hit, real& order) {
     Triangle t{in_mesh(f.a, s.geom), in_mesh(f.b, s.geom), in_mesh(f.c, s.geom)};
-    Vec n = normal_of(t);
+    Vec n = normal_of(f);
     if (dot(t.a, n) > 0) {
         if (f.is_solid) return false;
         n = -1 * n;
@@ -114,14 +122,14 @@ FN bool corner_touch(const MeshFace& f, const Search& s, Touch& hit, real& order
 #endif
 
 // Candidates of a ball or a corner: faces. That nearest to a ball's centre tells where it is: inside of a solid it is the only
-// touch, and outside it may be farther away than what touches.
-FN bool face_touch(const Search& s, const Grid& g, int i, Touch& hit, real& order) {
-    MeshFace f = ((const MeshFace*)g.things)[item(s, g, i)];
+// touch, and outside it may be farther away than what touches. It is told then if `far` faces are.
+FN bool face_touch(const Search& s, const Grid& g, int i, bool far, Touch& hit, real& order) {
+    const MeshFace& f = ((const MeshFace*)g.things)[item(s, g, i)];
 #if SEARCHES_BOXES
     if (s.kind == CORNER_PART) return corner_touch(f, s, hit, order);
 #endif
     real reach = s.radius + s.reach, depth = s.radius + MESH_DEPTH;
-    if (f.is_solid) reach = larger(reach, depth);
+    if (far && f.is_solid) reach = larger(reach, depth);
     if (!point_touch(f, s.geom, s.at, reach, depth, hit, order)) return false;
     hit.dist -= s.radius;
     return true;
@@ -184,6 +192,16 @@ FN bool edge_in_box(const Search& s, const Grid& g, const Box& box, int i, Touch
 }
 #endif
 
+// The touch of a candidate of a part of any kind. `box` places the geom of a search that is one.
+template <class PlaceBox>
+FN bool mesh_touch(const Search& s, const Mesh& mesh, int candidate, PlaceBox box, bool far, Touch& hit, real& order) {
+#if SEARCHES_BOXES
+    if (s.kind == BOX_PART) return edge_in_box(s, mesh.edges, box(), candidate, hit, order);
+#endif
+    if (s.kind == AXIS_PART) return edge_touch(s, mesh.edges, candidate, hit, order);
+    return face_touch(s, mesh.faces, candidate, far, hit, order);
+}
+
 // Whether a touch remains one beside the hits, see `remains`.
 FN bool remains_on_mesh(const Search& s, const Found* found, const Touch& hit, real& order) {
     if (s.kind == BALL_PART)  // the centre is outside, as else there is one touch
@@ -212,7 +230,16 @@ FN bool prepare(Search& s, PartKind kind, int end, real margin, const Mesh& mesh
     const Grid& grid = of_edges ? mesh.edges : mesh.faces;
     Vec center = s.geom + b.center;
     real far = s.radius + larger(margin, MESH_DEPTH);
-    if (!of_edges) b.half = far <= grid.reach ? Vec{0, 0, 0} : far * Vec{1, 1, 1};
+    if (!of_edges && far <= grid.reach) {  // the point's own cell has all that is near, as mostly
+        const real u[3] = {grid.cells_per_metre * (center.x - grid.low[0]), grid.cells_per_metre * (center.y - grid.low[1]),
+                           grid.cells_per_metre * (center.z - grid.low[2])};
+        for (int k = 0; k < 3; k++)
+            if (!(u[k] >= 0 && u[k] < grid.size[k])) return false;
+        const int* cell = row_of_cells(grid, (int)u[2], (int)u[1]) + (int)u[0];
+        s.first = cell[0], s.size = cell[1] - s.first;
+        return s.size > 0;
+    }
+    if (!of_edges) b.half = far * Vec{1, 1, 1};
     s.cells = cells_near(grid, center - b.half, center + b.half);
     s.size = count_items(grid, s.cells);
     if (s.cells.row == s.cells.last_row && s.cells.layer == s.cells.last_layer && s.size)

@@ -30,11 +30,7 @@ FN bool touch(const World& w, const Sources& from, const Search& s, int candidat
 #if HAS_MESHES
     if (contact_kind(s.pair) >= MESH_SPHERE) {
         const Mesh& mesh = from.meshes[contact_mesh(s.pair)];
-#if SEARCHES_BOXES
-        if (s.kind == BOX_PART) return edge_in_box(s, mesh.edges, box_of(w, from, s.pair), candidate, hit, order);
-#endif
-        return s.kind == AXIS_PART ? edge_touch(s, mesh.edges, candidate, hit, order)
-                                   : face_touch(s, mesh.faces, candidate, hit, order);
+        return mesh_touch(s, mesh, candidate, [&] { return box_of(w, from, s.pair); }, true, hit, order);
     }
     hit.geom = -1;
 #endif
@@ -43,31 +39,6 @@ FN bool touch(const World& w, const Sources& from, const Search& s, int candidat
 #else
     return false;
 #endif
-}
-
-// Whether a touch is still one beside the hits that there are, and then its order.
-FN bool remains(const Search& s, const Found* found, const Touch& hit, real& order) {
-    if (s.ended) return false;
-    if (!s.count) return true;
-#if HAS_MESHES
-    if (contact_kind(s.pair) >= MESH_SPHERE) return remains_on_mesh(s, found, hit, order);
-#endif
-    return s.kind == BALL_PART ? is_above_planes(s, found, hit.pos) : is_apart(s, found, hit.pos);
-}
-
-// Make a touch the next hit.
-FN void accept(Search& s, int number, const Touch& hit) {
-#if HAS_MESHES
-    if (contact_kind(s.pair) >= MESH_SPHERE) {
-        if (s.kind == BALL_PART) s.inside = hit.dist < -s.radius;
-        if (hit.dist >= s.reach) {  // it only told that the centre is outside
-            s.ended = true;
-            return;
-        }
-    }
-#endif
-    s.hit[s.count++] = number;
-    s.ended = s.inside || s.count == s.most;
 }
 
 // List the candidates of some searches that touch, in order. Returns their number; if that exceeds the room for them, not all
