@@ -134,7 +134,10 @@ struct LimbContact {
     real D, friction[2];
     int rows;
 #if CONTACT_FORCES
-    int pair, geom;  // and its first geom
+    int pair;
+#if HAS_MESHES  // else another number would be one too many for the registers of a GPU
+    int geom;  // the first one
+#endif
     Vec normal, tangent;
 #endif
 };
