@@ -266,7 +266,7 @@ FN int hub_forces(World& w, const Parameters& P, Hub& H, JointRows<NH>& rows, co
             H.C[PACKED(h, k)] = HUB_IS_CHAIN || is_moved_by(b, hub_dof(k)) ? dot(hub_motion(w, k), U) : 0;
         const DofParts& o = w.hub_parts[h];
         H.C[PACKED(h, h)] += o.armature, H.smooth[h] = o.smooth, H.implicit[h] = o.implicit, H.a[h] = w.a[i];
-        set_rows(rows, h, o);
+        if (h >= FIRST_HUB_ROW) set_rows(rows, h, o);
     }
     return count;
 }

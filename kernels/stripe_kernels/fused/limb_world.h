@@ -15,6 +15,7 @@ enum {
     LD = LIMB_DOFS,
     NH = HUB_DOFS,
     COLUMNS = NH + LD,    // degrees of freedom that a contact of a limb, or of the hub, may move
+    FIRST_HUB_ROW = HUB_IS_FREE && !LOSSES ? 6 : 0,  // those of the hub before it have no rows: nothing limits a free joint
 };
 
 // Bodies that move as one: a link, and what is welded to it.
