@@ -110,12 +110,13 @@ FN void move_limb(LimbMotion& o, World& w, const Parameters& P, int slot) {
 
 // Force on a degree of freedom but for those of constraints, of which `bias` is what its bodies need, and what the implicit
 // step has beside the mass matrix there.
+template <bool IS_FREE>
 FN void set_joint_force(DofParts& o, World& w, const Parameters& P, int i, real bias) {
     const int j = dof_joint(i);
     const real v = w.v[i], h = P.step_size(), damping = P.damping()[i];
     real f = APPLIED(w, P.id, i) - bias - damping * v, total = 0;
     o.implicit = h * damping;
-    if (joint_type(j) != FREE) {
+    if (!IS_FREE && joint_type(j) != FREE) {
         const real q = w.q[joint_q(j)];
         f -= P.stiffness()[j] * (q - P.spring()[joint_q(j)]);
         ROLLED for (int t = dof_actuator_start(i); t < dof_actuator_start(i + 1); t++) {
@@ -131,14 +132,15 @@ FN void set_joint_force(DofParts& o, World& w, const Parameters& P, int i, real 
     o.smooth = f + total;
 }
 
-// The parts of the degree of freedom `i`. Returns its number of constraint rows.
+// The parts of the degree of freedom `i`, of which it may be known that it `IS_FREE`. Returns its number of constraint rows.
+template <bool IS_FREE = false>
 FN int set_dof_parts(DofParts& o, World& w, const Parameters& P, int i, real bias, int& overflow) {
     const int j = dof_joint(i);
     int count = 0;
     o.armature = P.armature()[i];
-    set_joint_force(o, w, P, i, bias);
+    set_joint_force<IS_FREE>(o, w, P, i, bias);
     o.sign = o.D = o.e = 0;
-    if (joint_limited(j)) {  // at one end: the model's range is wider than its margins
+    if (!IS_FREE && joint_limited(j)) {  // at one end: the model's range is wider than its margins
         const real q = w.q[joint_q(j)], low = q - P.range()[2 * j], high = P.range()[2 * j + 1] - q;
         const real margin = P.limit_margin()[j], pos = smaller(low, high);
         if (pos < margin) {
@@ -256,7 +258,7 @@ FN int hub_forces(World& w, const Parameters& P, Hub& H, JointRows<NH>& rows, co
     int count = 0;
     EACH(h, NH) {  // a lane some of them, for all lanes
         const int i = hub_dof(h);
-        count += set_dof_parts(w.hub_parts[h], w, P, i, dot(hub_motion(w, h), F[hub_dof_link(h)]), overflow);
+        count += set_dof_parts<HUB_IS_FREE && NH == 6>(w.hub_parts[h], w, P, i, dot(hub_motion(w, h), F[hub_dof_link(h)]), overflow);
     }
     SYNC();
     UNROLLED for (int h = 0; h < NH; h++) {
