@@ -13,6 +13,7 @@ import warp as wp
 from stripe_newton.value_types import NonNegativeInt, mismatches, short
 
 __all__ = [
+    "check_finite_actions",
     "check_state",
     "checked_env_ids",
     "checked_function",
@@ -150,6 +151,21 @@ def checked_lengths(value: object, num_envs: int, device: str) -> torch.Tensor:
     if not is_whole or tuple(found.shape) not in ((), (1,), (num_envs,)):
         raise ValueError(f"episode_length_buf: is {described(value)}, must be {must}")
     return found
+
+
+def check_finite_actions(action: torch.Tensor) -> None:
+    """Raise if actions are not finite; it waits for the device.
+
+    Raises:
+        ValueError: with the number of environments, and the first of them.
+    """
+    bad = ~torch.isfinite(action).flatten(1).all(dim=1)
+    if bad.any():
+        where = ", ".join(map(str, bad.nonzero().flatten()[:5].tolist()))
+        raise ValueError(
+            f"actions of {int(bad.sum())} environments are not finite (environments {where}); look at the policy, or "
+            "set nonfinite_actions='clamp'"
+        )
 
 
 def check_state(state: object) -> None:

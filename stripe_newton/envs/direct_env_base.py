@@ -14,6 +14,7 @@ from .events import EventRunner
 from .hook_results import value_per_env
 from .rl_env import RLEnv
 from .rl_env_cfg import RLEnvCfg
+from .stage_items import launch_scenery_reset, sensor_items
 from .substeps import Substeps
 
 __all__ = ["DirectEnvBase"]
@@ -74,14 +75,14 @@ class DirectEnvBase(RLEnv):
 
     def _measurements_stage(self) -> list[Stage]:
         """Sensors that measure on the state after the physics; no stage where there are none."""
-        measured = self._measure("launch_measured")
+        measured = sensor_items(self.scene, self.context, "launch_measured")
         return [Stage("measurements", measured)] if measured else []
 
     def _sensor_items(self) -> list[Item]:
         items: list[Item] = []
         if self.scene.needs_update:
             items.append(Eager("assets", lambda: self.scene.update_assets(self.step_dt), "host update"))
-        return [*items, *self._measure("launch_observed")]
+        return [*items, *sensor_items(self.scene, self.context, "launch_observed")]
 
     def _log_items(self) -> list[Item]:
         return [Captured("log", self.context.log.finish)] if self.context.log.keys else []
@@ -109,7 +110,7 @@ class DirectEnvBase(RLEnv):
     def _reset_envs(self, env_ids: torch.Tensor) -> None:
         """Call ``_reset_idx`` for the environments of the reset mask, whose indices are given."""
         ended = self.reset_buf.clone()  # a hook may clear the buffer
-        self._reset_scenery()
+        launch_scenery_reset(self.scene, self.context)
         self._reset_idx(env_ids)
         # At once, as the observations that follow may be a torch hook, whose reads nobody can look up beforehand.
         self.sim.forward(ended)

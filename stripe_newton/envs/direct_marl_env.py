@@ -28,6 +28,7 @@ from .env_state import EnvState, state_arrays
 from .rl_env import Extras, ResetOptions
 from .rl_env_cfg import RLEnvCfg
 from .spaces import SpaceSpec, to_space
+from .stage_items import count_section, sensor_items
 
 __all__ = ["DirectMARLEnv", "DirectMARLEnvCfg"]
 
@@ -188,7 +189,7 @@ class DirectMARLEnv(DirectEnvBase):
     # -- the step
 
     def _stages(self) -> list[Stage]:
-        count = self._count_section().only(self.context.within_step)
+        count = count_section(self.context).only(self.context.within_step)
         outcome: list[Item] = [count, self._safety.after_physics(), self._hook("_get_dones", self._take_dones)]
         reset: list[Item] = [Eager("_reset_idx, forward kinematics", self._torch_reset, "torch hook")]
         if self.cfg.compute_final_obs:
@@ -201,7 +202,7 @@ class DirectMARLEnv(DirectEnvBase):
             Stage("physics", [self._torch_physics()]),
             *self._measurements_stage(),
             Stage("outcome", [*outcome, self._hook("_get_rewards", self._take_rewards)]),
-            Stage("reset", [*reset, *self._measure("launch_reset")]),
+            Stage("reset", [*reset, *sensor_items(self.scene, self.context, "launch_reset")]),
             Stage("events", events),
             Stage("sensors", self._sensor_items()),
             Stage("observations", [self._hook("_get_observations", self._observe), *self._log_items()]),
@@ -238,7 +239,7 @@ class DirectMARLEnv(DirectEnvBase):
         self.reward_buf[:] = torch.stack([*self.reward_dict.values()]).sum(dim=0)
 
     def _of_agents(self, hook: str, values: Mapping[str, object]) -> ByAgent:
-        """What a hook returned for each agent, shape ``(num_envs,)``."""
+        """Results of a hook for each agent, shape ``(num_envs,)``."""
         return {a: self._per_env(v, f"{hook}['{a}']") for a, v in of_all(self.agents, hook, values).items()}
 
     def _keep_final_observations(self) -> None:

@@ -25,6 +25,7 @@ from .recording_env import RecordingEnv
 from .rl_env import Observations
 from .rl_env_cfg import RLEnvCfg
 from .spaces import SpaceSpec, nested_mismatches, to_space
+from .stage_items import count_section, scenery_items, sensor_items
 
 __all__ = ["DirectRLEnv", "DirectRLEnvCfg"]
 
@@ -212,7 +213,7 @@ class DirectRLEnv(RecordingEnv):
     def _outcome_items(self) -> list[Item]:
         context = self.context
         # The length of the episode counts this step already where dones and rewards look at it, as in Isaac Lab.
-        items: list[Item] = [self._count_section().only(context.within_step), self._safety.after_physics()]
+        items: list[Item] = [count_section(context).only(context.within_step), self._safety.after_physics()]
         items.append(
             self._hooks.dones.item(
                 self._launch_dones,
@@ -253,9 +254,9 @@ class DirectRLEnv(RecordingEnv):
             return [*items, self._torch_reset_item("_reset_idx, forward kinematics")]
         if self._events is not None or self._noise_models():
             items.append(Eager("reset events, noise models", self._torch_reset_events, "torch terms"))
-        items += [self._safety.begin_reset(), *self._scenery_items()]
+        items += [self._safety.begin_reset(), *scenery_items(self.scene, self.context)]
         items.append(Captured("_launch_reset", lambda: self._launch_reset(self.warp.reset)))
-        return [*items, *self._measure("launch_reset"), self._safety.end_reset()]
+        return [*items, *sensor_items(self.scene, self.context, "launch_reset"), self._safety.end_reset()]
 
     def _torch_reset_events(self) -> None:
         ids = self.context.reset_mask.indices()

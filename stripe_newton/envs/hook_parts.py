@@ -28,7 +28,7 @@ __all__ = ["HookPart", "PhysicsPart", "ResetPart", "hook_recorder", "records_on"
 
 SKIPPED = frozenset({
     "extras", "obs_buf", "_observed", "_given", "_plan", "_steps_before", "_recaptures", "_np_random",
-    "_np_random_seed", "_observation_buffers", "_renderer", "_checked",
+    "_np_random_seed", "_observation_buffers", "_pictures", "_checked",
 })  # fmt: skip
 """Attributes of an environment that the framework sets in every step, and that are not state of hooks."""
 
@@ -257,7 +257,7 @@ class ResetPart:
         self._recorder.run(self.hook, number, self._padded if self._size_for(1) else None)
 
     def _size_for(self, number: int) -> int:
-        """Number with a graph that stands for others, at least as large; 0 if there is none.
+        """Number with a graph that covers smaller ones, at least as large; 0 if there is none.
 
         Only up to half of the environments: hooks may do other things where all are reset.
         """

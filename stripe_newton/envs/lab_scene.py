@@ -41,6 +41,7 @@ from stripe_newton.sim import SimulationCfg
 from .env_state import EnvState
 from .manager_based_rl_env_cfg import MAX_STEPS, ManagerBasedRLEnvCfg
 from .name_checks import name_problems
+from .stage_items import count_section, scenery_items, sensor_items
 from .stepped_scene import Extras, Observations, SteppedScene
 
 __all__ = ["LabScene", "LabSceneCfg"]
@@ -288,8 +289,8 @@ class LabScene(SteppedScene):
         own = list(self.custom_managers.values())
         apply += [item for m in own for item in m.substep_items()]
         process += [item for m in own for item in m.action_items()]
-        actions = [self._count_section(parts), *process, *record.pre_step_items()]
-        measured = self._measure("launch_measured")
+        actions = [count_section(context, parts), *process, *record.pre_step_items()]
+        measured = sensor_items(self.scene, context, "launch_measured")
         # Terminations and rewards read the state after the physics. Terminations come first: rewards of termination
         # read which episodes end.
         after = [item for m in own for item in m.physics_items()]
@@ -304,7 +305,7 @@ class LabScene(SteppedScene):
             *self.reward_manager.reset_items(),
             *self.metrics_manager.reset_items(),
             safety.begin_reset(),
-            *self._scenery_items(),
+            *scenery_items(self.scene, context),
             # Before the events, which override it: what nobody resets must not go on from the last episode.
             *self._default_reset_items(),
             *self.event_manager.reset_items(),
@@ -317,7 +318,7 @@ class LabScene(SteppedScene):
             # Class terms read the states that the events have set, and the length of the episode that ended.
             *self._reset_classes(),
             safety.end_reset(),
-            *self._measure("launch_reset"),
+            *sensor_items(self.scene, context, "launch_reset"),
         ]
         events = [*self.event_manager.interval_items(), *self.event_manager.step_items()]
         objects = self.object_manager.update_items()
@@ -325,7 +326,7 @@ class LabScene(SteppedScene):
         commands = only(self.command_manager.compute_items(), in_step)
         before = [item for m in own for item in m.observation_items()]
         observe = only([*before, *self.observation_manager.compute_items()], context.within_step_or_reset)
-        observed = self._measure("launch_observed")
+        observed = sensor_items(self.scene, context, "launch_observed")
         final = self._final_observations()
         # Made last, when every parameter that a curriculum may change exists. The log runs beside the rest: no kernel
         # of this step reads it.

@@ -79,7 +79,7 @@ class Safety:
             )
 
     def begin_reset_from_outside(self) -> None:
-        """Prepare the masks for a reset that a caller asks for, rather than a step."""
+        """Prepare the masks for a call of ``reset()``, rather than a reset within a step."""
         self._context.torch(self._context.moved)[:] = self._context.reset_mask.tensor
         self.nonfinite.zero_()
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -16,6 +15,7 @@ from gymnasium.utils import seeding
 from typing_extensions import Self
 
 from stripe_newton.call_checks import (
+    check_finite_actions,
     check_state,
     checked_function,
     checked_lengths,
@@ -25,12 +25,13 @@ from stripe_newton.call_checks import (
     to_tensor,
 )
 from stripe_newton.configclass import ConfigError, check_types, is_config
-from stripe_newton.fusion import Captured, Item, Plan, Section, Stage, code
+from stripe_newton.fusion import Plan, Stage
 from stripe_newton.managers import ManagerContext, TermEvaluation
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import Simulation, SimulationCfg
 from stripe_newton.value_types import short
 
+from .env_pictures import EnvPictures
 from .env_state import EnvState, restore_state, save_state
 from .output_block import OutputBlock
 from .rl_env_cfg import RLEnvCfg
@@ -38,7 +39,6 @@ from .safety import Safety
 
 if TYPE_CHECKING:
     from stripe_newton.viewers import SceneRenderer
-    from stripe_newton.viewers.picture_layers import PictureLayers
 
 __all__ = ["RENDER_MODES", "Extras", "Observations", "ResetOptions", "SteppedScene"]
 
@@ -82,8 +82,7 @@ class SteppedScene:
     cfg: RLEnvCfg
     closed: bool = False
     """Whether :meth:`close` was called."""
-    _renderer: SceneRenderer | None = None
-    _layers: PictureLayers
+    _pictures: EnvPictures | None = None
     _np_random: np.random.Generator | None = None
     _np_random_seed: int | None = None
 
@@ -108,18 +107,9 @@ class SteppedScene:
         """
         if kwargs:
             raise TypeError(f"{type(self).__name__} got unexpected arguments: {', '.join(kwargs)}")
-        if not is_config(cfg):
-            a_class = f"the class {cfg.__name__}; call it" if isinstance(cfg, type) else short(cfg)
-            raise TypeError(f"{type(self).__name__}: cfg: is {a_class}, must be a config of the environment")
         if render_mode is not None and (not isinstance(render_mode, str) or render_mode not in RENDER_MODES):
             raise ValueError(f"render_mode: is {short(render_mode)}, must be None or 'rgb_array'")
-        self.cfg = cfg.copy()
-        try:
-            self.cfg.complete()
-        except (AttributeError, TypeError):
-            check_types(("cfg", self.cfg))  # what a value of a wrong type has led to is no help
-            raise
-        self.cfg.validate()
+        self.cfg = _completed(cfg, type(self).__name__)
         self.render_mode = render_mode
         if self.cfg.seed is not None:
             self._seed_host(self.cfg.seed)  # before the scene, as hooks draw from torch and NumPy while they make it
@@ -337,7 +327,7 @@ class SteppedScene:
         raise NotImplementedError(f"{type(self).__name__} records no torch hooks")
 
     def _replays(self) -> bool:
-        """Whether the step that has begun launches graphs where there are any."""
+        """Whether the present step launches graphs, if there are any."""
         return True
 
     def settle_hooks(self) -> None:
@@ -472,46 +462,11 @@ class SteppedScene:
         raise NotImplementedError
 
     def _final_extras(self, values: dict[str, torch.Tensor]) -> Extras:
-        """Final observations of the episodes that ended, where the config asks for them."""
+        """Final observations of the episodes that ended, if the config enables them."""
         return {}
 
     def _rewards(self, values: dict[str, torch.Tensor]) -> torch.Tensor:
         return values["reward"]
-
-    def _count_section(self, parts: int = 0) -> Section:
-        """Section that counts the environment steps on the device. One thread does it for all environments.
-
-        Args:
-            parts: 1 to join a kernel in which a section has one thread for each number of an environment; 0 otherwise.
-        """
-        count = self.context.code("    {step}[0] = {step}[0] + wp.int64(1)")
-        return Section("count", [code("if env == 0:"), count], parts=parts)
-
-    def _measure(self, when: str) -> list[Item]:
-        """Launches of the sensors that measure at a point of the step.
-
-        Args:
-            when: ``"launch_measured"`` after the physics, ``"launch_reset"`` where episodes begin, or
-                ``"launch_observed"`` before the observations.
-        """
-        items: list[Item] = []
-        for name, sensor in self.scene.sensors.items():
-            if when in sensor.measures:
-                launch = getattr(sensor, when)
-                items.append(Captured(name, partial(launch, self.context.reset) if when == "launch_reset" else launch))
-        return items
-
-    def _scenery_items(self) -> list[Item]:
-        """Launches that begin an episode in an imported scenery, before all that reads the environment's origin."""
-        scenery = self.scene.scenery
-        if scenery is None:
-            return []
-        what = "place to start" if scenery.reset.draws else "bodies of the scenery"
-        return [Captured(what, self._reset_scenery)]
-
-    def _reset_scenery(self) -> None:
-        if self.scene.scenery is not None:
-            self.scene.scenery.reset.launch(self.context.reset, self.context.rng)
 
     def _begin_extras(self) -> None:
         self.extras = {k: v for k, v in self.extras.items() if k not in ("final_obs", "_final_obs")}
@@ -523,13 +478,7 @@ class SteppedScene:
         if expected is not None and tuple(action.shape) != expected:
             raise ValueError(f"actions have shape {tuple(action.shape)}, expected {tuple(expected)}")
         if self.device == "cpu" and self.cfg.nonfinite_actions == "raise" and action.is_floating_point():
-            bad = ~torch.isfinite(action).flatten(1).all(dim=1)
-            if bad.any():
-                where = ", ".join(map(str, bad.nonzero().flatten()[:5].tolist()))
-                raise ValueError(
-                    f"actions of {int(bad.sum())} environments are not finite (environments {where}); look at the "
-                    "policy, or set nonfinite_actions='clamp'"
-                )
+            check_finite_actions(action)
         return action
 
     @property
@@ -561,21 +510,14 @@ class SteppedScene:
         self._check_open()
         if self.render_mode != "rgb_array":
             return None
-        if self._renderer is None:
-            # Here, as most environments are never drawn, and it takes a while.
-            from stripe_newton.viewers import SceneRenderer
-            from stripe_newton.viewers.picture_layers import PictureLayers
-
-            self._renderer = renderer = SceneRenderer(self.sim, self.cfg.viewer)
-            chosen = self.cfg.viewer.env_index
-            self._layers = PictureLayers(self, renderer.env_ids, chosen if chosen in renderer.env_ids else 0)
-        with self._layers.shown():
-            return self._renderer.render()
+        if self._pictures is None:
+            self._pictures = EnvPictures(self)
+        return self._pictures.render()
 
     @property
     def renderer(self) -> SceneRenderer | None:
-        """What :meth:`render` draws with, None before its first picture."""
-        return self._renderer
+        """The renderer of :meth:`render`, None before its first picture."""
+        return None if self._pictures is None else self._pictures.renderer
 
     def close(self, **kwargs: object) -> None:
         """Release renderer and simulation; a second call does nothing."""
@@ -591,9 +533,7 @@ class SteppedScene:
 
     def close_extras(self, **kwargs: object) -> None:
         """Release renderer and simulation."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        self._close_pictures()
         if "scene" in vars(self):  # the constructor may have failed before
             self.scene.close()
 
@@ -617,9 +557,12 @@ class SteppedScene:
     def _move_to_scene(self, seed: int) -> None:
         self._check_open()
         self.scene.regenerate(checked_seed(seed))
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        self._close_pictures()
+
+    def _close_pictures(self) -> None:
+        if self._pictures is not None:
+            self._pictures.close()
+            self._pictures = None
 
     # -- Warp terms from torch code
 
@@ -688,6 +631,21 @@ class SteppedScene:
     def state_parts(self) -> list[dict[str, torch.Tensor]]:
         """Parts of the state that are not attributes of the environment, as the dicts of tensors that hold them."""
         return []
+
+
+def _completed(cfg: RLEnvCfg, owner: str) -> RLEnvCfg:
+    """A copy of a config, completed and checked, for a class of environments."""
+    if not is_config(cfg):
+        given = f"the class {cfg.__name__}; call it" if isinstance(cfg, type) else short(cfg)
+        raise TypeError(f"{owner}: cfg: is {given}, must be a config of the environment")
+    cfg = cfg.copy()
+    try:
+        cfg.complete()
+    except (AttributeError, TypeError):
+        check_types(("cfg", cfg))  # what a value of a wrong type has led to is no help
+        raise
+    cfg.validate()
+    return cfg
 
 
 def _cloned(values: Extras) -> Extras:

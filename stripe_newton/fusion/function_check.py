@@ -26,7 +26,7 @@ _HINTS = (
 
 
 def function_problem(function: wp.Function) -> str:
-    """What is wrong with a Warp function, in a line with file and line number; empty if nothing is.
+    """The error in a Warp function, in a line with file and line number; empty if there is none.
 
     Its types are checked as Warp checks them when it compiles a kernel, which happens much later.
     """

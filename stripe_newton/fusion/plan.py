@@ -152,7 +152,7 @@ class Plan:
                         self._record(block)
 
     def run_without_graph(self, stages: Sequence[str]) -> None:
-        """Run some stages kernel by kernel, for a reset that a caller asks for.
+        """Run some stages kernel by kernel, for a call of ``reset()``.
 
         A fused kernel runs if one of its sections belongs to one of the stages.
         """

@@ -99,7 +99,7 @@ class _Encoder(nn.Module):
 
 
 def _head(model: RecurrentCNNModel) -> SimpleNamespace:
-    """What comes after the encoders, in the form of an ``RNNModel`` whose exports rsl_rl makes."""
+    """The part after the encoders, in the form of an ``RNNModel`` whose exports rsl_rl makes."""
     return SimpleNamespace(
         obs_normalizer=nn.Identity(),
         obs_dim=model.obs_dim + model.cnn_latent_dim,

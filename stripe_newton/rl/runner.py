@@ -180,7 +180,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             raise cause from error
 
     def _prepare_run_folder(self) -> None:
-        """Write the configs, and move checkpoints aside that are later than where the run goes on."""
+        """Write the configs, and move checkpoints aside that are later than the one that is resumed."""
         if self.run_folder is None or self.logger.disable_logs:
             return
         self.run_folder.write_params(self.env.cfg, self.agent_cfg, self.env.num_envs * self.gpu_world_size)
@@ -193,7 +193,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             print(f"{len(later)} later checkpoints were moved to {later[0].parent}")
 
     def _remake_run_folder(self) -> None:
-        """Make the run folder again if somebody has deleted it while the training runs, and say so."""
+        """Make the run folder again if it was deleted during the training, with a warning."""
         run = self.run_folder
         if run is None or self.logger.writer is None or run.params.is_dir():
             return
@@ -300,7 +300,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         return self._load(path, load_cfg, strict, map_location).get("infos")
 
     def resume(self, path: str | os.PathLike, episodes: bool = True) -> None:
-        """Load a checkpoint so that :meth:`learn` goes on exactly where it was written.
+        """Load a checkpoint so that :meth:`learn` continues exactly from where it was written.
 
         Args:
             path: A checkpoint of this class. If it was written by another number of ranks, episodes start anew, and a

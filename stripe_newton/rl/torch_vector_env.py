@@ -93,7 +93,7 @@ class TorchVectorEnv(Protocol):
 
 
 class Resumable(Protocol):
-    """An environment whose state can be saved and put back, so that a run goes on in the middle of its episodes."""
+    """An environment whose state can be saved and restored, so that a run resumes within its episodes."""
 
     def get_state(self) -> EnvState:
         """All that the next step depends on."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -61,7 +62,11 @@ def prepare_urdf(
 
 
 def _resolve_parts(link: Element, files: MeshFiles, visuals_collide: bool, rows: list[Row]) -> Iterator[str]:
-    """Replace names of meshes by paths; yields what is wrong with parts that are collided with."""
+    """Replace names of meshes by paths; yields what is wrong with parts that are collided with.
+
+    A link of which nothing is left to see is drawn by its colliders.
+    """
+    left_out = False
     for part in [*link.findall("collision"), *link.findall("visual")]:
         mesh = part.find("geometry/mesh")
         problems = [] if part.tag == "collision" else list(part_problems(part))  # of colliders they are known
@@ -72,6 +77,13 @@ def _resolve_parts(link: Element, files: MeshFiles, visuals_collide: bool, rows:
         elif problems:  # it is for pictures alone: the physics is that of the file without it
             rows.append((link.get("name", ""), "<visual>", f"left out: {problems[0]}"))
             link.remove(part)
+            left_out = True
+    if left_out and link.find("visual") is None:
+        for part in link.findall("collision"):
+            seen = deepcopy(part)
+            seen.tag = "visual"
+            seen.attrib.pop("name", None)
+            link.append(seen)
 
 
 def _resolve(element: Element, files: MeshFiles) -> str:

@@ -164,6 +164,8 @@ def read_scenery(stage: Usd.Stage) -> Scenery:
 
 def _places(matrices: np.ndarray, paths: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions, orientations and scales of transforms as USD writes them: of rows, the last the translation."""
+    if not len(matrices):
+        return np.zeros((0, 3)), np.zeros((0, 4)), np.zeros(0)
     from scipy.spatial.transform import Rotation  # see above
 
     axes = matrices[:, :3, :3]

@@ -103,7 +103,7 @@ def why_no_choice(asset: newton.ModelBuilder) -> str:
 
 
 def _kind(builder: newton.ModelBuilder, shape: int) -> tuple[int, ...]:
-    """What is the same in all worlds of a row: type, role, and the attributes that MuJoCo Warp has once."""
+    """Key of a row of shapes: type, role, and the attributes of which MuJoCo Warp has one for all worlds."""
     own = []
     for key in _KINDS:
         attribute = builder.custom_attributes.get(key)

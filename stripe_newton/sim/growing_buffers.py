@@ -84,7 +84,7 @@ class GrowingBuffers:
             self._warn_of_growth(first)
 
     def _arrays(self, drives: JointDrives | None) -> Iterator[tuple[str, wp.array]]:
-        """What the step reads and writes, by name."""
+        """Arrays that the step reads and writes, by name."""
         owners = {"state": (self._sim.state, _MODEL_STATE), "solver": (self._solver.mjw_data, SOLVER_STATE)}
         if drives is not None:
             owners["drives"] = (drives, _DRIVE_STATE)
@@ -96,7 +96,7 @@ class GrowingBuffers:
 
     @property
     def _sizes(self) -> tuple[int, int]:
-        """Constraints of a world, and contacts of all worlds, that there is room for."""
+        """Capacities: constraints of a world, and contacts of all worlds."""
         return self._solver.mjw_data.njmax, self._solver.mjw_data.naconmax
 
     def _grow(self) -> bool:
@@ -123,12 +123,12 @@ class GrowingBuffers:
 
 
 def larger_sizes(bits: int, njmax: int, contacts: int) -> tuple[int, int]:
-    """Room for constraints and contacts, doubled where it was too little; the same where growth is no help.
+    """Sizes for constraints and contacts, doubled where they were too small; unchanged where that does not help.
 
     Args:
         bits: Or of ``mujoco_warp.OverflowType`` and ``SolverMuJoCo.OverflowBits``.
-        njmax: Room for constraints.
-        contacts: Room for contacts.
+        njmax: Capacity for constraints.
+        contacts: Capacity for contacts.
     """
     from mujoco_warp import OverflowType  # other solvers run without it, and it takes a while to load
 

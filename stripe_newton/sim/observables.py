@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Observables: which arrays the solver is asked to report beyond the state."""
+"""Observables: the arrays that the solver reports beyond the state."""
 
 from __future__ import annotations
 

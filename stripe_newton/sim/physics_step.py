@@ -113,7 +113,7 @@ class PhysicsStep:
                 hook.launch_after_step()
 
     def _per_step(self) -> PerStep:
-        """What the solver's kernel has to do in each physics step."""
+        """Work of the solver's kernel in each physics step."""
         sim = self._sim
         return PerStep(
             drives=sim.actuation.drives if sim.actuation.explicit.any() else None,

@@ -253,7 +253,7 @@ class Simulation:
         self.build_s = time.perf_counter() - start
 
     def _make_all(self, builder: newton.ModelBuilder, solver: SolverCfg) -> None:
-        """Make the model, the solver, and what belongs to them; once more if a trial of the start asks for it."""
+        """Make the model, the solver, and their hooks and buffers; again if a trial of the start needs larger ones."""
         self.cfg = self.cfg.replace(solver=solver)
         self.hooks.clear()
         self._make_solver(builder, tables=not self.is_static and self.cfg.solver.expects_newton_contacts(builder))
@@ -373,7 +373,7 @@ class Simulation:
         self.end_step()
 
     def begin_step(self) -> None:
-        """Do the host's part of a step, before the physics: tell the solver of moved roots, report an overflow.
+        """Do the host's part of a step, before the physics: notify the solver of moved roots, report an overflow.
 
         Raises:
             RuntimeError: if contacts or constraints were dropped; see :meth:`check_overflow`.
@@ -556,7 +556,7 @@ class Simulation:
         return wp.to_torch(array)[shared:].unflatten(0, (self.num_envs, -1))
 
     def reported(self, name: str) -> wp.array | None:
-        """An array that the solver reports beyond the state, by Newton's name; None if it was not asked for."""
+        """An array that the solver reports beyond the state, by Newton's name; None if it was not requested."""
         if self.observables is None or not self.observables.is_requested(name):
             return None
         return getattr(self.observables, name)
@@ -569,7 +569,7 @@ class Simulation:
             self.actuation.hide_gains()
 
     def notify(self, flags: newton.ModelFlags | int, expected: bool = False) -> None:
-        """Tell the solver that properties of the model were changed in place.
+        """Notify the solver that properties of the model were changed in place.
 
         Args:
             flags: Which properties; :func:`stripe_newton.sim.model_update.model_flags` finds them by name.

@@ -240,39 +240,51 @@ class MuJoCoSolverCfg(SolverCfg):
         """Make the solver, with Newton's collision detection if contacts with static shapes need it."""
         meshes = self.chooses_contacts and has_triangles(model)
         concave = meshes and has_triangles(model, MUST)
-        # MuJoCo's own file and arrays of contacts are to have all shapes.
-        whole = not meshes or self.fused is False or self.save_to_mjcf is not None or "contact_f" in observables
-        stand_ins = None if whole else StandIns.of(model)
-        many = f"{len(stand_ins.hidden)} static colliders" if stand_ins is not None and stand_ins.many else ""
-        if stand_ins is not None and not stand_ins.by_triangles:
-            if many:
-                return self._with_newton_contacts(model, observables, [many], stand_ins)
-            stand_ins = None
-        solver = self._make(model, observables, stand_ins)
+        stand_ins = self._stand_ins(model, observables) if meshes else None
+        solver = None
+        if stand_ins is not None:
+            solver = self._make_with_hidden(model, observables, stand_ins)
+            if solver is None and stand_ins.many:  # nor could MuJoCo Warp have so many geoms
+                reason = f"{len(stand_ins.hidden)} static colliders"
+                return self._with_newton_contacts(model, observables, [reason], stand_ins)
+        solver = solver or self._make(model, observables)
         fused = self._configure_fused(solver, meshes)
-        if stand_ins is not None and not (fused is not None and fused.finds_hidden()):
-            if many:
-                return self._with_newton_contacts(model, observables, [many], stand_ins)
-            solver = self._make(model, observables)
-            fused = self._configure_fused(solver, meshes)
-        lacking = fused.missing_triangle_contacts() if concave and fused is not None else []
-        if concave and (fused is None or lacking):
-            return self._with_newton_contacts(model, observables, lacking)
+        missing = fused.missing_triangle_contacts() if concave and fused is not None else []
+        if concave and (fused is None or missing):
+            return self._with_newton_contacts(model, observables, missing)
         if self.triangle_contacts and self.uses_mujoco_warp and self.finds_contacts and fused is None:
             use_triangles(solver.mjw_model)  # before the first step, which compiles kernels for the pairs there are
         return solver
 
+    def _stand_ins(self, model: newton.Model, observables: Sequence[str]) -> StandIns | None:
+        """Static shapes that need not be geoms; None if there are none, or all shapes must be geoms.
+
+        MuJoCo's own file and arrays of contacts are to have all shapes.
+        """
+        has_all = self.fused is False or self.save_to_mjcf is not None or "contact_f" in observables
+        return None if has_all else StandIns.of(model)
+
+    def _make_with_hidden(
+        self, model: newton.Model, observables: Sequence[str], stand_ins: StandIns
+    ) -> newton.solvers.SolverMuJoCo | None:
+        """Make the fused solver with shapes that are no geoms; None if it does not find their contacts."""
+        if not stand_ins.by_triangles:
+            return None
+        solver = self._make(model, observables, stand_ins)
+        fused = self._configure_fused(solver, True)
+        return solver if fused is not None and fused.finds_hidden() else None
+
     def _with_newton_contacts(
         self, model: newton.Model, observables: Sequence[str], reasons: Sequence[str], stand_ins: StandIns | None = None
     ) -> newton.solvers.SolverMuJoCo:
-        """Make the solver for contacts that Newton's collision detection finds, and tell it why."""
+        """Make the solver for contacts of Newton's collision detection, with the reasons for its description."""
         chosen = self.replace(use_mujoco_contacts=False)._make(model, observables, stand_ins)
         if isinstance(chosen, SolverFused):
             chosen.newton_contacts_for = tuple(reasons)
         return chosen
 
     def _configure_fused(self, solver: newton.solvers.SolverMuJoCo, meshes: bool) -> SolverFused | None:
-        """The solver if it is fused, told of which triangles it is to find contacts."""
+        """The solver with its options for triangles and limbs set, if it is fused; None if it is not."""
         if not isinstance(solver, SolverFused) or solver.unsupported:
             return None
         solver.triangles, solver.static_triangles = self.triangle_contacts and self.finds_contacts, meshes
@@ -283,7 +295,7 @@ class MuJoCoSolverCfg(SolverCfg):
     def _make(
         self, model: newton.Model, observables: Sequence[str], stand_ins: StandIns | None = None
     ) -> newton.solvers.SolverMuJoCo:
-        """Make the fused solver, or MuJoCo Warp's where it is asked for or needed for the observables."""
+        """Make the fused solver, or MuJoCo Warp's where that is configured or needed for the observables."""
         arguments = {**self._buffer_sizes(model), **self.arguments()}
         if self.fused is False:
             return newton.solvers.SolverMuJoCo(model, **arguments)

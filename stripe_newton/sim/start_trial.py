@@ -66,7 +66,7 @@ def fit_buffers(sim: Simulation, make_again: Callable[[dict[str, int]], None]) -
 
 
 def _sizes(sim: Simulation) -> tuple[int, int]:
-    """Constraints and contacts that a world has room for."""
+    """Capacities of a world: constraints and contacts."""
     data = sim.solver.mjw_data
     return data.njmax, max(1, data.naconmax // data.nworld)
 
@@ -106,7 +106,7 @@ def _run(sim: Simulation) -> int:
 
 
 def _solver_arrays(solver: newton.solvers.SolverMuJoCo) -> Iterator[wp.array]:
-    """What MuJoCo Warp carries from step to step."""
+    """Arrays that MuJoCo Warp carries from step to step."""
     for name in SOLVER_STATE:
         array = getattr(solver.mjw_data, name)
         if array is not None and array.size:

@@ -63,7 +63,7 @@ class GivenContacts:
 
 
 class KernelBuffers:
-    """Device memory that the kernel works in, or writes because somebody reads it.
+    """Device memory of the kernel: its workspace, and buffers for results that are read.
 
     Attributes:
         workspace: What of a world's state has no place in shared memory, float32; None before the first kernel.

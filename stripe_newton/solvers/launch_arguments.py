@@ -64,7 +64,7 @@ class ConvertedState:
 
 @dataclass
 class StepCall:
-    """What a call of ``step_many`` asks of the kernel; as it is by default that of ``step``."""
+    """Arguments of a call of ``step_many``; the defaults are those of ``step``."""
 
     steps: int = 1
     before: tuple[wp.array | None, wp.array] | None = None

@@ -20,7 +20,7 @@ _SOURCES = ("FROM_NOTHING", "FROM_POSITIONS", "FROM_VELOCITIES", "FROM_CONTROLS"
 
 @dataclass(frozen=True)
 class NewtonLayout:
-    """Places of a world's joints and controls in Newton's arrays, in which worlds lie one after another."""
+    """Indices of a world's joints and controls in Newton's arrays, in which one world follows another."""
 
     sizes: dict[str, int]
     """Numbers of a world in Newton's arrays."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -45,31 +46,21 @@ class PairDivision:
         Args:
             solver: The solver, before its first step.
         """
-        cpu, model, data = solver.mj_model, solver.mjw_model, solver.mjw_data
+        cpu, model = solver.mj_model, solver.mjw_model
         if cpu.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
             return cls()
         if not solver.uses_mujoco_contacts:
-            data.contact.type.fill_(int(ContactType.CONSTRAINT))  # Newton's are for the solver
-            data.contact.geomcollisionid.zero_()
+            contact = solver.mjw_data.contact
+            contact.type.fill_(int(ContactType.CONSTRAINT))  # Newton's are for the solver
+            contact.geomcollisionid.zero_()
             return cls(external_kinds=["all pairs, through Newton's collision detection"])
+        # Above some number of geoms MuJoCo Warp has no list to take pairs from.
         is_listed = model.opt.broadphase == BroadphaseType.NXN
-        if is_listed:
-            geoms, explicit = model.nxn_geom_pair_filtered.numpy(), model.nxn_pairid_filtered.numpy()[:, 0]
-            listed = list(listed_pairs(cpu, geoms, explicit))
-        else:  # above some number of geoms there is no list to take pairs from
-            listed = list(contact_pairs(cpu))
+        listed = _listed(solver) if is_listed else list(contact_pairs(cpu))
         made = cls(listed)
         if solver.static_triangles:
             made._group_meshes(solver)
-        few_hulls = sum(is_of_hulls(pair.kind) for pair in made.pairs) <= _MOST_HULL_PAIRS
-        meshes = model.geom_dataid.numpy()
-        varied = set(np.flatnonzero((meshes != meshes[0]).any(axis=0)).tolist())  # the kernel has one mesh of each
-
-        def finds(pair: ContactPair) -> bool:
-            if is_of_hulls(pair.kind):
-                return few_hulls and not varied & {pair.geom1, pair.geom2}
-            return bool(pair.kind) and (solver.triangles or not pair.kind.startswith("FIELD"))
-
+        finds = _routine_test(solver, made.pairs)
         rest = [pair for pair in made.pairs if not finds(pair)]
         made.external_kinds = sorted({_types(cpu, pair) for pair in rest})
         if model.callback.contactfilter:
@@ -77,17 +68,42 @@ class PairDivision:
         if not is_listed and (made.external_kinds or len(made.pairs) > _MOST_PAIRS):
             return cls([], ["all pairs of its many geoms"], made.hull_kinds, made.statics)
         if is_listed and len(rest) < len(listed):
-            left = {(p.geom1, p.geom2) for p in rest} | {(p.geom2, p.geom1) for p in rest}
-            remove_geom_pairs(model, np.array([(p.geom1, p.geom2) not in left for p in listed], dtype=bool))
+            kept = {(p.geom1, p.geom2) for p in rest} | {(p.geom2, p.geom1) for p in rest}
+            remove_geom_pairs(model, np.array([(p.geom1, p.geom2) not in kept for p in listed], dtype=bool))
         made.pairs = [pair for pair in made.pairs if finds(pair)]
         return made
 
     def _group_meshes(self, solver: SolverFused) -> None:
-        """Let pairs of static meshes stand for groups of them."""
+        """Replace pairs of static meshes by pairs of groups of them."""
         shapes = solver.mjc_geom_to_newton_shape.numpy()[0]
         self.statics = StaticTriangles(solver.mj_model, solver.model, shapes, self.pairs, solver.stand_ins)
         self.hull_kinds = sorted({_types(solver.mj_model, pair) for pair in self.statics.unsupported})
         self.pairs = self.statics.pairs
+
+
+def _listed(solver: SolverFused) -> list[ContactPair]:
+    """The pairs in MuJoCo Warp's list."""
+    geoms, explicit = solver.mjw_model.nxn_geom_pair_filtered.numpy(), solver.mjw_model.nxn_pairid_filtered.numpy()
+    return list(listed_pairs(solver.mj_model, geoms, explicit[:, 0]))
+
+
+def _routine_test(solver: SolverFused, pairs: Sequence[ContactPair]) -> Callable[[ContactPair], bool]:
+    """Test of whether the kernel has a routine for a pair, and is to use it.
+
+    Args:
+        solver: The solver.
+        pairs: All pairs.
+    """
+    few_hulls = sum(is_of_hulls(pair.kind) for pair in pairs) <= _MOST_HULL_PAIRS
+    meshes = solver.mjw_model.geom_dataid.numpy()
+    varied = set(np.flatnonzero((meshes != meshes[0]).any(axis=0)).tolist())  # the kernel has one mesh of each geom
+
+    def finds(pair: ContactPair) -> bool:
+        if is_of_hulls(pair.kind):
+            return few_hulls and not varied & {pair.geom1, pair.geom2}
+        return bool(pair.kind) and (solver.triangles or not pair.kind.startswith("FIELD"))
+
+    return finds
 
 
 def _types(model: mujoco.MjModel, pair: ContactPair) -> str:

@@ -106,7 +106,7 @@ def parameters_of_newton(names: Iterable[str]) -> frozenset[str]:
 
 
 def parameters_of_flags(flags: newton.ModelFlags | int) -> frozenset[str]:
-    """Parameters that may change with what flags tell of.
+    """Parameters that may change with the properties that flags name.
 
     Args:
         flags: As for ``SolverBase.notify_model_changed``.

@@ -283,7 +283,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             self._call = StepCall()
 
     def prepare(self, per_step: PerStep) -> None:
-        """Take a kernel that has what ``per_step`` asks for, from the next step on."""
+        """Use a kernel with the features of ``per_step`` from the next step on."""
         if not per_step.kinds <= self.launcher.per_step:
             self.launcher.per_step |= per_step.kinds
             self.launcher.remake()

@@ -86,7 +86,7 @@ class StandIns:
             model.shape_flags.assign(kept)
 
     def map_shapes(self, geom_of_shape: wp.array) -> None:
-        """Let contacts of Newton's with hidden shapes have the geoms that stand for these.
+        """Map hidden shapes to the geoms that represent them in contacts of Newton's collision detection.
 
         Args:
             geom_of_shape: Geom of each shape, -1 for none, shape ``(shape_count,)``; overwritten.
@@ -96,12 +96,12 @@ class StandIns:
         geom_of_shape.assign(geoms)
 
     def unlike(self, model: newton.Model) -> np.ndarray:
-        """Hidden shapes that no longer collide like those that stand for them, as somebody changed one of the two."""
+        """Hidden shapes whose collision settings are no longer those of the geoms that represent them."""
         differ = (_columns(model, self.hidden) != _columns(model, self.stand_in)).any(axis=1)
         return self.hidden[differ]
 
     def geoms(self, shape_of_geom: np.ndarray) -> np.ndarray:
-        """The geom that stands for each hidden shape, shape ``(count,)``.
+        """The geom that represents each hidden shape, shape ``(count,)``.
 
         Args:
             shape_of_geom: Shape of each geom, -1 for none, shape ``(ngeom,)``.

@@ -106,7 +106,7 @@ class StaticTriangles:
     def _hidden(
         self, model: mujoco.MjModel, shape_of_geom: np.ndarray, stand_ins: StandIns
     ) -> dict[int, list[tuple[int, int]]]:
-        """Numbers in the place of geoms, and shapes, of those that are none, by the geom that stands for them."""
+        """Indices, as of geoms, and shapes of those that are no geoms, by the geom that represents them."""
         geoms, found = stand_ins.geoms(shape_of_geom), defaultdict[int, list[tuple[int, int]]](list)
         self.hidden_geoms = wp.array(geoms, dtype=int, device=self._shapes.device)
         for k, (geom, shape) in enumerate(zip(geoms.tolist(), stand_ins.hidden.tolist(), strict=True)):

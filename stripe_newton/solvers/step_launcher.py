@@ -71,7 +71,7 @@ class StepLauncher:
 
     @property
     def choice(self) -> KernelChoice:
-        """What the next kernel will be."""
+        """The choice of form and options for the next kernel."""
         return KernelChoice(
             self._solver, self.division, self.buffers, self.newton_layout, self.per_step, self._solver.limbs
         )

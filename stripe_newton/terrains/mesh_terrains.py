@@ -148,14 +148,18 @@ class MeshRailsTerrainCfg(SubTerrainBaseCfg):
     """Side of the level square in the middle [m]."""
 
 
+def _platform(height: float, cfg: MeshPitTerrainCfg | MeshBoxTerrainCfg, has_step: bool) -> np.ndarray:
+    """A square platform in the middle, if asked for with a step of half its height, one metre wide, around it."""
+    reach, half = from_middle(cfg), 0.5 * cfg.platform_width
+    heights = np.where(reach <= half + TINY, height, 0.0)
+    if has_step:
+        heights = np.where((reach > half + TINY) & (reach <= half + 1.0 + TINY), 0.5 * height, heights)
+    return heights
+
+
 def pit_terrain(difficulty: float, cfg: MeshPitTerrainCfg, rng: np.random.Generator) -> np.ndarray:
     """A square pit to climb out of; with ``double_pit`` it has two steps."""
-    depth, reach = lerp(cfg.pit_depth_range, difficulty), from_middle(cfg)
-    half = 0.5 * cfg.platform_width
-    heights = np.where(reach <= half + TINY, -depth, 0.0)
-    if cfg.double_pit:
-        heights = np.where((reach > half + TINY) & (reach <= half + 1.0 + TINY), -0.5 * depth, heights)
-    return heights
+    return _platform(-lerp(cfg.pit_depth_range, difficulty), cfg, cfg.double_pit)
 
 
 @configclass
@@ -174,12 +178,7 @@ class MeshPitTerrainCfg(SubTerrainBaseCfg):
 
 def box_terrain(difficulty: float, cfg: MeshBoxTerrainCfg, rng: np.random.Generator) -> np.ndarray:
     """A square block to climb down from; with ``double_box`` it has two steps."""
-    height, reach = lerp(cfg.box_height_range, difficulty), from_middle(cfg)
-    half = 0.5 * cfg.platform_width
-    heights = np.where(reach <= half + TINY, height, 0.0)
-    if cfg.double_box:
-        heights = np.where((reach > half + TINY) & (reach <= half + 1.0 + TINY), 0.5 * height, heights)
-    return heights
+    return _platform(lerp(cfg.box_height_range, difficulty), cfg, cfg.double_box)
 
 
 @configclass

@@ -43,11 +43,16 @@ def mesh_reason(prim: Usd.Prim) -> str:
 
 
 def normals_reason(prim: Usd.Prim) -> str:
-    """Why the number of a mesh's normals fits neither its points nor its faces; empty if it does, or without any."""
+    """Why a mesh's normals are none, or fit neither its points nor its faces; empty if they do, or without any."""
     mesh = UsdGeom.Mesh(prim)
-    normals = mesh.GetNormalsAttr().Get()
-    if normals is None or len(normals) == 0:
+    attribute = mesh.GetNormalsAttr()
+    value = attribute.Get()
+    if value is None or np.size(value) == 0:
         return ""
+    normals = np.asarray(value)
+    if normals.ndim != 2 or normals.shape[1] != 3:
+        authored = [spec.typeName for spec in attribute.GetPropertyStack() if spec.HasDefaultValue()]
+        return f"normals of type {authored[0] if authored else type(value).__name__}, must be normal3f[]"
     counts = {
         UsdGeom.Tokens.constant: 1,
         UsdGeom.Tokens.uniform: len(mesh.GetFaceVertexCountsAttr().Get()),

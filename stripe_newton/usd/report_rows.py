@@ -182,7 +182,7 @@ def _shape(builder: newton.ModelBuilder, shape: int, stage: Usd.Stage) -> ShapeR
     return ShapeRow(
         path=label,
         type=kind.name.lower(),
-        size=_vec3(builder.shape_scale[shape])[: _SIZES.get(kind, 3)],
+        size=_size(builder, shape, kind),
         body=builder.body_label[body] if body >= 0 else "",
         collides=bool(flags & ShapeFlags.COLLIDE_SHAPES),
         visible=bool(flags & ShapeFlags.VISIBLE),
@@ -190,6 +190,14 @@ def _shape(builder: newton.ModelBuilder, shape: int, stage: Usd.Stage) -> ShapeR
         restitution=float(builder.shape_material_restitution[shape]),
         density=_density(prim),
     )
+
+
+def _size(builder: newton.ModelBuilder, shape: int, kind: GeoType) -> tuple[float, ...]:
+    """What :attr:`.ShapeRow.size` holds: of a mesh half its extents, as the scale alone says nothing about its size."""
+    scale, source = _vec3(builder.shape_scale[shape]), builder.shape_source[shape]
+    if kind in (GeoType.MESH, GeoType.CONVEX_MESH) and source is not None and len(source.vertices):
+        return _vec3(0.5 * np.ptp(np.asarray(source.vertices), axis=0) * np.abs(scale))
+    return scale[: _SIZES.get(kind, 3)]
 
 
 def _density(prim: Usd.Prim | None) -> float | None:

@@ -101,7 +101,7 @@ class ShapeRow:
     path: str
     type: str
     size: tuple[float, ...]
-    """Box: half extents. Sphere: radius. Capsule, cone, cylinder: radius, half height. Plane: sides. Mesh: scale."""
+    """Box, mesh: half extents. Sphere: radius. Capsule, cone, cylinder: radius, half height. Plane: sides. [m]"""
     body: str
     """Empty for static geometry."""
     collides: bool

@@ -8,6 +8,7 @@ none. Where camera and light stand still, a pixel that no moving shape and none 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import newton
@@ -26,6 +27,8 @@ _NEAR = 1.0e-3
 """Distance from the camera below which a corner of a box counts as behind it [m]."""
 _BLUR = 6.0
 """Texels of the shadow map by which the soft edge of a shadow, and what shields a surface from its own, may reach."""
+_SLICES = 8
+"""Slices of the prism in which the shadow of a box lies."""
 _BOXED = frozenset(
     int(kind)
     for kind in (
@@ -152,8 +155,10 @@ class PictureParts:
             lowest = heights.min(initial=self._lowest_plane, where=np.isfinite(heights))
             light = view.sun[:, 2]
             down = np.maximum(top[..., 2] - lowest + around, 0.0) / light[2]
-            bottom = top - down[..., None] * light
-            tiles |= self._tiles(view, np.concatenate([top, bottom], axis=1))
+            # Slice by slice: the rectangle around a whole prism, which leans, is much larger than the prism.
+            cuts = [top - share * down[..., None] * light for share in np.linspace(0.0, 1.0, _SLICES + 1)]
+            slices = [np.concatenate(pair, axis=1) for pair in pairwise(cuts)]
+            tiles |= self._tiles(view, np.concatenate(slices))
         return tiles
 
     def _tiles(self, view: View, corners: np.ndarray) -> np.ndarray:

@@ -243,6 +243,18 @@ def test_a_visual_mesh_that_is_missing_is_left_out_and_said(tmp_path):
     assert ("base", "<visual>", f"left out: mesh '{tmp_path / 'gone.stl'}' does not exist") in report.ignored
 
 
+def test_a_link_of_which_no_visual_is_left_is_drawn_by_its_colliders(tmp_path):
+    gone = '<visual><geometry><mesh filename="gone.stl"/></geometry></visual>'
+    box = '<collision><origin xyz="0 0 1"/><geometry><box size="1 2 3"/></geometry></collision>'
+    sphere = '<visual><geometry><sphere radius="1"/></geometry></visual>'
+    hand = link(parts=sphere + box).replace("base", "hand")
+    joint = '<joint name="weld" type="fixed"><parent link="base"/><child link="hand"/></joint>'
+    report = inspect_robot_file(urdf(tmp_path, link(parts=gone + box) + hand + joint))
+    shapes = {(s.body.split("/")[-1], s.type, s.visible, s.collides) for s in report.shapes}
+    assert {("base", "box", True, False), ("base", "box", False, True), ("hand", "sphere", True, False)} <= shapes
+    assert ("hand", "box", True, False) not in shapes
+
+
 # -- what is read otherwise has a row
 
 

@@ -74,6 +74,12 @@ def test_normals_that_fit_nothing_are_left_out():
     assert "/mesh" in [s.path for s in report.shapes]
 
 
+@pytest.mark.parametrize("kind", ["int normals = 7", "normal3f normals = (0, 0, 1)", "int[] normals = [0, 1, 2, 3]"])
+def test_normals_of_another_type_are_left_out(kind):
+    _, report = load(usda(body_text() + mesh(more=kind)))
+    assert ("/mesh", "normals", f"left out: normals of type {kind.split()[0]}, must be normal3f[]") in report.ignored
+
+
 def test_a_syntax_error_has_line_and_column(tmp_path):
     file = tmp_path / "scene.usda"
     file.write_text('#usda 1.0\ndef Xform "A"\n{\n    double x = = 3\n}\n')

@@ -205,6 +205,22 @@ def test_default_sizes_are_stage_units():
     assert builder.body_mass[0] == pytest.approx(1000.0 * 4 / 3 * math.pi * 1e-6, rel=1e-4)
 
 
+@pytest.mark.parametrize("metres", [1.0, 0.01])
+def test_the_size_of_a_mesh_is_that_of_its_points(metres):
+    stage = new_stage(metres=metres)
+    cube = UsdGeom.Mesh.Define(stage, "/World/cube")
+    points = [(x, 2.0 * y, 3.0 * z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    cube.CreatePointsAttr(points)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    cube.CreateFaceVertexIndicesAttr([i for quad in quads for i in quad])
+    cube.CreateFaceVertexCountsAttr([4] * 6)
+    cube.AddScaleOp().Set(Gf.Vec3f(2.0, -2.0, 2.0))
+    UsdPhysics.CollisionAPI.Apply(cube.GetPrim())
+    _, report = load(stage)
+    (size,) = (shape.size for shape in report.shapes)
+    assert size == pytest.approx([metres, 2.0 * metres, 3.0 * metres])
+
+
 def test_the_given_stage_is_not_changed():
     stage = new_stage(metres=0.01)
     add_body(stage, "/World/a")

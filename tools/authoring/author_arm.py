@@ -23,8 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 from lofts import Surface, puck, rounded, smooth
-from numpy.typing import ArrayLike
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
+from usd_writing import exact, preview_surface
 
 OUTPUT = Path(__file__).parents[2] / "tasks" / "stripe_tasks" / "assets" / "arm.usda"
 
@@ -147,16 +147,11 @@ COLLIDERS = {  # axis, radius, length, centre
 """Colliders in the link's frame: cylinders [m]."""
 
 
-def exact(values: ArrayLike, digits: int = 9) -> list[float]:
-    """Round off the last bits, in which platforms differ: the file is to be the same everywhere."""
-    return (np.round(np.asarray(values, dtype=float), digits) + 0.0).tolist()
-
-
 def moments(link: Link) -> list[float]:
     """Moments of inertia of a solid cylinder about x, y and z through its centre [kg m^2]."""
     axis, radius, length = link.along
     across = link.mass * (3.0 * radius**2 + length**2) / 12.0
-    return exact([0.5 * link.mass * radius**2 if axis == a else across for a in "XYZ"])
+    return exact([0.5 * link.mass * radius**2 if axis == a else across for a in "XYZ"]).tolist()
 
 
 class Author:
@@ -169,25 +164,19 @@ class Author:
         Usd.ModelAPI(self.root).SetKind("component")
         UsdPhysics.ArticulationRootAPI.Apply(self.root)
         for name, (color, roughness, metallic) in COLORS.items():
-            material = UsdShade.Material.Define(stage, f"/arm/materials/{name}")
-            shader = UsdShade.Shader.Define(stage, f"{material.GetPath()}/surface")
-            shader.CreateIdAttr("UsdPreviewSurface")
-            shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color))
-            shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(roughness)
-            shader.CreateInput("metallic", Sdf.ValueTypeNames.Float).Set(metallic)
-            material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
+            preview_surface(stage, f"/arm/materials/{name}", color, roughness, metallic)
 
     def body(
         self, name: str, at: tuple[float, ...], mass: float, com: tuple[float, ...], inertia: list[float]
     ) -> Usd.Prim:
         """Write a rigid body with its surfaces and colliders."""
         xform = UsdGeom.Xform.Define(self.stage, f"/arm/{name}")
-        xform.AddTranslateOp().Set(Gf.Vec3d(*exact(at)))
+        xform.AddTranslateOp().Set(Gf.Vec3d(*exact(at).tolist()))
         prim = xform.GetPrim()
         UsdPhysics.RigidBodyAPI.Apply(prim)
         properties = UsdPhysics.MassAPI.Apply(prim)
         properties.CreateMassAttr(mass)
-        properties.CreateCenterOfMassAttr(Gf.Vec3f(*exact(com)))
+        properties.CreateCenterOfMassAttr(Gf.Vec3f(*exact(com).tolist()))
         properties.CreateDiagonalInertiaAttr(Gf.Vec3f(*inertia))
         properties.CreatePrincipalAxesAttr(Gf.Quatf(1.0))
         part = name.removesuffix("_link")
@@ -198,7 +187,7 @@ class Author:
             shape.CreateAxisAttr(axis)
             shape.CreateRadiusAttr(radius)
             shape.CreateHeightAttr(length)
-            shape.AddTranslateOp().Set(Gf.Vec3d(*exact(centre)))
+            shape.AddTranslateOp().Set(Gf.Vec3d(*exact(centre).tolist()))
             shape.CreatePurposeAttr(UsdGeom.Tokens.guide)
             UsdPhysics.CollisionAPI.Apply(shape.GetPrim())
         return prim
@@ -225,7 +214,7 @@ class Author:
         flip = Gf.Quatf(0.0, 1.0, 0.0, 0.0) if link.axis == "-Z" else Gf.Quatf(1.0)
         joint.CreateBody0Rel().SetTargets([parent.GetPath()])
         joint.CreateBody1Rel().SetTargets([child.GetPath()])
-        joint.CreateLocalPos0Attr(Gf.Vec3f(*exact(link.at)))
+        joint.CreateLocalPos0Attr(Gf.Vec3f(*exact(link.at).tolist()))
         joint.CreateLocalPos1Attr(Gf.Vec3f(0.0))
         joint.CreateLocalRot0Attr(flip)
         joint.CreateLocalRot1Attr(flip)
@@ -236,12 +225,12 @@ class Author:
         drive = UsdPhysics.DriveAPI.Apply(joint.GetPrim(), "angular")
         drive.CreateTypeAttr(UsdPhysics.Tokens.force)
         # angles of USD are degrees, and so are the gains of its drives
-        drive.CreateStiffnessAttr(exact([math.radians(STIFFNESS[link.effort])], 6)[0])
-        drive.CreateDampingAttr(exact([math.radians(DAMPING[link.effort])], 6)[0])
+        drive.CreateStiffnessAttr(float(exact(math.radians(STIFFNESS[link.effort]), 6)))
+        drive.CreateDampingAttr(float(exact(math.radians(DAMPING[link.effort]), 6)))
         drive.CreateMaxForceAttr(link.effort)
         joint.GetPrim().AddAppliedSchema("NewtonJointAPI")
         speed = joint.GetPrim().CreateAttribute("newton:velocityLimit", Sdf.ValueTypeNames.Float, False)
-        speed.Set(exact([math.degrees(SPEED)], 4)[0])
+        speed.Set(float(exact(math.degrees(SPEED), 4)))
 
 
 def author(path: Path) -> None:

@@ -21,11 +21,11 @@ __all__ = ["GALLERY", "RISE", "STEPS", "TREAD", "author_flat"]
 Box = tuple[float, float, float, float, float, float]
 """Lower corner, upper corner [m]."""
 
-WIDTH, DEPTH, WALL, STOREY = 10.0, 7.0, 0.12, 2.6
+WIDTH, DEPTH, WALL, STOREY = 11.0, 7.0, 0.12, 2.6
 """Extent along x and y, thickness of the walls, height of the rooms [m]."""
 GALLERY, EDGE = 2.8, 1.0
 """Height of the gallery, and x of its edge [m]."""
-STEPS, RISE, TREAD = 20, 0.14, 0.27
+STEPS, RISE, TREAD = 20, 0.14, 0.3
 """Steps of the stairs, the last of which is the gallery itself, their height and depth [m]."""
 
 WHITE, OAK, PINE, GREY = (0.82, 0.80, 0.76), (0.42, 0.27, 0.14), (0.62, 0.46, 0.28), (0.33, 0.35, 0.38)
@@ -89,15 +89,15 @@ def _ground_floor(stage: Usd.Stage) -> None:
     _table(stage, "/Flat/table", (-2.6, -1.1), (1.9, 1.0, 0.76))
     for i, (x, y, back) in enumerate(((-3.1, -1.95, -1), (-2.1, -1.95, -1), (-3.1, -0.25, 1), (-2.1, -0.25, 1))):
         _chair(stage, f"/Flat/chair_{i + 1}", (x, y), back)
-    sofa: list[Box] = [(-4.95, -0.4, 0.1, -4.1, 1.6, 0.42), (-4.95, -0.4, 0.42, -4.7, 1.6, 0.85)]
-    _boxes(stage, "/Flat/sofa", [*sofa, (-4.95, -0.6, 0.1, -4.1, -0.4, 0.62)], BLUE, "sofa")
+    sofa: list[Box] = [(-5.45, -0.4, 0.1, -4.6, 1.6, 0.42), (-5.45, -0.4, 0.42, -5.2, 1.6, 0.85)]
+    _boxes(stage, "/Flat/sofa", [*sofa, (-5.45, -0.6, 0.1, -4.6, -0.4, 0.62)], BLUE, "sofa")
     _boxes(stage, "/Flat/rug", [(-3.9, 0.1, 0.0, -2.4, 1.5, 0.01)], RED, "rug")
     _boxes(stage, "/Flat/shelf", [(0.6, -3.4, 0.0, EDGE, -1.6, 1.9)], OAK, "shelf")
-    _cylinder(stage, "/Flat/lamp/foot", (-4.6, -2.9, 0.015), 0.16, 0.03, GREY)
-    _cylinder(stage, "/Flat/lamp/pole", (-4.6, -2.9, 0.8), 0.015, 1.6, GREY)
+    _cylinder(stage, "/Flat/lamp/foot", (-5.1, -2.9, 0.015), 0.16, 0.03, GREY)
+    _cylinder(stage, "/Flat/lamp/pole", (-5.1, -2.9, 0.8), 0.015, 1.6, GREY)
     _cylinder(stage, "/Flat/plant/pot", (0.2, 1.4, 0.2), 0.2, 0.4, RED)
     _sphere(stage, "/Flat/plant/leaves", (0.2, 1.4, 0.75), 0.38, GREEN)
-    bed: list[Box] = [(3.0, 0.9, 0.0, 5.0, 2.5, 0.45), (4.85, 0.9, 0.45, 5.0, 2.5, 0.95)]
+    bed: list[Box] = [(3.5, 0.9, 0.0, 5.5, 2.5, 0.45), (5.35, 0.9, 0.45, 5.5, 2.5, 0.95)]
     _boxes(stage, "/Flat/bed", bed, BLUE, "bed")
     _boxes(stage, "/Flat/wardrobe", [(2.4, -3.5, 0.0, 4.6, -2.9, 2.1)], OAK, "wardrobe")
 
@@ -110,7 +110,7 @@ def _gallery(stage: Usd.Stage) -> None:
     rail: Box = (EDGE, -3.5, GALLERY + 0.9, EDGE + 0.05, 2.3, GALLERY + 0.95)
     _boxes(stage, "/Flat/railing", [*posts, rail], GREY, "railing")
     _table(stage, "/Flat/desk", (4.2, -2.4), (1.4, 0.7, 0.74), GALLERY)
-    _boxes(stage, "/Flat/chest", [(4.5, 1.0, GALLERY, 5.0, 2.2, GALLERY + 0.8)], OAK, "chest")
+    _boxes(stage, "/Flat/chest", [(5.0, 1.0, GALLERY, 5.5, 2.2, GALLERY + 0.8)], OAK, "chest")
 
 
 def _table(

@@ -25,9 +25,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
 from quadruped_shapes import PARTS
+from usd_writing import exact, preview_surface
 
 OUTPUT = Path(__file__).parents[2] / "tasks" / "stripe_tasks" / "assets" / "quadruped.usda"
 
@@ -92,11 +92,6 @@ JOINTS = {
 }
 
 
-def rounded(values: ArrayLike, digits: int = 9) -> np.ndarray:
-    """Round off the last bits, in which platforms differ: the file is to be the same everywhere."""
-    return np.round(np.asarray(values, dtype=float), digits) + 0.0
-
-
 def turn(axis: str, angle: float) -> Gf.Quatd:
     """Rotation by ``angle`` [rad] about an axis of the frame."""
     vector = Gf.Vec3d(*(float(a == axis) for a in "XYZ"))
@@ -117,15 +112,8 @@ class Author:
     def materials(self) -> None:
         UsdGeom.Scope.Define(self.stage, "/quadruped/materials")
         for name, (color, roughness, metallic) in COLORS.items():
-            material = UsdShade.Material.Define(self.stage, f"/quadruped/materials/{name}")
-            shader = UsdShade.Shader.Define(self.stage, f"{material.GetPath()}/surface")
-            shader.CreateIdAttr("UsdPreviewSurface")
-            shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color))
-            shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(roughness)
-            shader.CreateInput("metallic", Sdf.ValueTypeNames.Float).Set(metallic)
-            if name == "light":
-                shader.CreateInput("emissiveColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color))
-            material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
+            path = f"/quadruped/materials/{name}"
+            preview_surface(self.stage, path, color, roughness, metallic, emits=name == "light")
         for name, friction in (("shell", 0.6), ("rubber", 0.8)):
             prim = self.stage.GetPrimAtPath(f"/quadruped/materials/{name}")
             physics = UsdPhysics.MaterialAPI.Apply(prim)
@@ -142,7 +130,7 @@ class Author:
             for part in parts:
                 mesh = UsdGeom.Mesh.Define(self.stage, f"{path}/{part.name}")
                 surface = part.surface
-                points, normals = rounded(surface.points, 4), rounded(surface.normals, 2)
+                points, normals = exact(surface.points, 4), exact(surface.normals, 2)
                 mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)))
                 mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(normals.astype(np.float32)))
                 mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
@@ -166,9 +154,9 @@ class Author:
         """Write a rigid body with its surfaces, turned by half a turn about z for the right side."""
         xform = UsdGeom.Xform.Define(self.stage, f"/quadruped/{name}")
         prim = xform.GetPrim()
-        xform.AddTranslateOp().Set(Gf.Vec3d(*rounded(pose.ExtractTranslation()).tolist()))
+        xform.AddTranslateOp().Set(Gf.Vec3d(*exact(pose.ExtractTranslation()).tolist()))
         quat = pose.ExtractRotationQuat()
-        real, *imaginary = rounded([quat.GetReal(), *quat.GetImaginary()]).tolist()
+        real, *imaginary = exact([quat.GetReal(), *quat.GetImaginary()]).tolist()
         xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(Gf.Quatd(real, Gf.Vec3d(*imaginary)))
         UsdPhysics.RigidBodyAPI.Apply(prim)
         moments, axes = principal(link.inertia)
@@ -206,7 +194,7 @@ class Author:
     def base(self) -> Usd.Prim:
         """Write the trunk, the root of the articulation, at the height of the standing pose."""
         height = FOOT_RADIUS + max(drop("front_thigh"), drop("rear_thigh"))
-        pose = Gf.Matrix4d().SetTranslate(Gf.Vec3d(0.0, 0.0, float(rounded(height, 4))))
+        pose = Gf.Matrix4d().SetTranslate(Gf.Vec3d(0.0, 0.0, float(exact(height, 4))))
         base = self.body("base", BASE, pose, "trunk")
         UsdPhysics.ArticulationRootAPI.Apply(base)
         base.AddAppliedSchema("NewtonArticulationRootAPI")
@@ -263,14 +251,14 @@ class Author:
         prim = UsdPhysics.RevoluteJoint.Define(self.stage, f"/quadruped/joints/{name}")
         self.connect(prim, parent, child, at)
         prim.CreateAxisAttr(joint.axis)
-        prim.CreateLowerLimitAttr(float(rounded(math.degrees(joint.lower), 4)))
-        prim.CreateUpperLimitAttr(float(rounded(math.degrees(joint.upper), 4)))
+        prim.CreateLowerLimitAttr(float(exact(math.degrees(joint.lower), 4)))
+        prim.CreateUpperLimitAttr(float(exact(math.degrees(joint.upper), 4)))
         drive = UsdPhysics.DriveAPI.Apply(prim.GetPrim(), "angular")
         drive.CreateTypeAttr(UsdPhysics.Tokens.force)
-        drive.CreateStiffnessAttr(float(rounded(math.radians(STIFFNESS), 6)))
-        drive.CreateDampingAttr(float(rounded(math.radians(DAMPING), 6)))
-        drive.CreateMaxForceAttr(float(rounded(joint.effort, 4)))
-        drive.CreateTargetPositionAttr(float(rounded(math.degrees(angle), 4)))
+        drive.CreateStiffnessAttr(float(exact(math.radians(STIFFNESS), 6)))
+        drive.CreateDampingAttr(float(exact(math.radians(DAMPING), 6)))
+        drive.CreateMaxForceAttr(float(exact(joint.effort, 4)))
+        drive.CreateTargetPositionAttr(float(exact(math.degrees(angle), 4)))
         owner = prim.GetPrim()
         owner.AddAppliedSchema("PhysicsJointStateAPI:angular")
         owner.AddAppliedSchema("NewtonJointAPI")
@@ -279,7 +267,7 @@ class Author:
             ("newton:armature", joint.armature),
             ("newton:velocityLimit", math.degrees(joint.speed)),
         ):
-            owner.CreateAttribute(key, Sdf.ValueTypeNames.Float, False).Set(float(rounded(value, 6)))
+            owner.CreateAttribute(key, Sdf.ValueTypeNames.Float, False).Set(float(exact(value, 6)))
 
     def fixed(self, name: str, parent: Usd.Prim, child: Usd.Prim, at: tuple[float, ...]) -> None:
         self.connect(UsdPhysics.FixedJoint.Define(self.stage, f"/quadruped/joints/{name}"), parent, child, at)
@@ -309,8 +297,8 @@ def principal(inertia: tuple[float, ...]) -> tuple[list[float], list[float]]:
     if np.linalg.det(axes) < 0:
         axes[:, 2] *= -1.0
     quat = Gf.Matrix3d(*axes.T.reshape(-1).tolist()).ExtractRotation().GetQuat()
-    values = rounded([*quat.GetImaginary(), quat.GetReal()], 7)
-    return rounded(moments).tolist(), (values if quat.GetReal() >= 0 else -values + 0.0).tolist()
+    values = exact([*quat.GetImaginary(), quat.GetReal()], 7)
+    return exact(moments).tolist(), (values if quat.GetReal() >= 0 else -values + 0.0).tolist()
 
 
 def author(path: Path) -> None:

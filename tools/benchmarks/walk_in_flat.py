@@ -30,8 +30,8 @@ from author_flat import EDGE, GALLERY, author_flat
 
 START = (-0.4, -2.2, 0.0, 0.5 * math.pi)
 """Where robots begin: a point of the floor [m], and a heading [rad]."""
-WAY = ((-0.9, 0.6), (-3.4, 1.85), (-4.45, 2.2), (-4.55, 2.75), (-3.9, 2.9), (EDGE + 0.6, 2.9), (2.6, 2.4), (3.0, -0.6))
-"""Places that are passed [m]: the last but three is the foot of the stairs, which end at ``x = EDGE``."""
+WAY = ((-0.9, 0.6), (-3.8, 1.85), (-4.95, 2.15), (-5.05, 2.75), (-4.6, 2.9), (EDGE + 0.6, 2.9), (2.6, 2.4), (3.0, -0.6))
+"""Places that are passed [m]: the last but three is the first step of the stairs, which end at ``x = EDGE``."""
 NEAR = 0.3
 """Distance at which a place counts as passed [m]."""
 SHARPNESS = 4.0
@@ -43,6 +43,8 @@ class Walkers:
 
     Attributes:
         passed: How many each has passed before a fall, shape ``(num_envs,)``.
+        fell: Whether each has fallen, shape ``(num_envs,)``.
+        ends: Why and where episodes ended.
         arrived: Whether each has passed all places without a fall, shape ``(num_envs,)``.
     """
 
@@ -63,22 +65,29 @@ class Walkers:
         self._robot.write_root_pose_to_sim(pose)
         self._next = torch.zeros(count, dtype=torch.long, device=device)
         self.passed = self._next.clone()
-        self._fell = torch.zeros(count, dtype=torch.bool, device=device)
+        self.ends: list[tuple[str, list[float]]] = []
+        self.fell = torch.zeros(count, dtype=torch.bool, device=device)
         self._steer()
         return self.env.get_observations()
 
     def step(self, policy: Policy, observations: torch.Tensor) -> torch.Tensor:
         """A step of all; the observations."""
+        self._before = self._robot.data.root_pos_w.clone()
         observations, _, dones, _ = self.env.step(policy(observations))
         policy.reset(dones)
-        self._fell |= dones.bool() & ~self.arrived
-        self.passed = torch.where(self._fell, self.passed, self._next)
+        new = dones.bool() & ~self.arrived & ~self.fell
+        for index in new.nonzero().flatten().tolist():
+            manager = self.env.unwrapped.termination_manager
+            why = [name for name in manager.active_terms if bool(manager.get_term(name)[index])]
+            self.ends.append((", ".join(why), [round(x, 2) for x in self._before[index].tolist()]))
+        self.fell |= new
+        self.passed = torch.where(self.fell, self.passed, self._next)
         self._steer()
         return observations
 
     @property
     def arrived(self) -> torch.Tensor:
-        return (self._next == len(WAY)) & ~self._fell
+        return (self._next == len(WAY)) & ~self.fell
 
     def _steer(self) -> None:
         """Head for the next place, slower if it is not ahead; stand at the last one."""
@@ -137,10 +146,13 @@ def main() -> None:
     for step in range(steps):
         observations = walkers.step(policy, observations)
         taken[walkers.arrived.cpu() & taken.isinf()] = step * inner.step_dt
-        highest = torch.maximum(highest, inner.scene["robot"].data.root_pos_w[:, 2].cpu())
+        height = inner.scene["robot"].data.root_pos_w[:, 2].cpu()
+        highest = torch.where(walkers.fell.cpu(), highest, torch.maximum(highest, height))
     up, there = int((highest > GALLERY).sum()), taken.isfinite()
     print(f"{up} of {args.num_envs} robots came up the stairs, {int(there.sum())} arrived on the gallery", flush=True)
     print(f"places that they passed: {walkers.passed.tolist()} of {len(WAY)}")
+    for why, where in walkers.ends[:10]:
+        print(f"{why} at {where}")
     if there.any():
         print(f"they took {float(taken[there].min()):.1f} to {float(taken[there].max()):.1f} s")
     if not args.no_film:

@@ -104,11 +104,24 @@ def _mesh_normal(mesh: wp.uint64, smooth: int, meshes: wp.array[MeshNormals], hi
     return wp.mesh_eval_face_normal(mesh, hit.face)
 
 
-@functools.cache
-def hit_functions(kinds: frozenset[int]) -> HitFunctions:
-    """The functions for some kinds of shapes, by ``newton.GeoType``; meshes of all kinds are ``GeoType.MESH``."""
-    meshes_there = int(newton.GeoType.MESH) in kinds
-    primitives_there = bool(kinds - {int(newton.GeoType.MESH)})
+@wp.func
+def _mesh_hit(mesh: wp.uint64, slot: int, shape: int, start: wp.vec3, direction: wp.vec3, hit: PixelHit) -> PixelHit:
+    """The nearer of ``hit`` and a mesh, for a ray in its frame."""
+    found = wp.mesh_query_ray(mesh, start, direction, hit.distance)
+    if found.result and found.t < hit.distance:
+        hit.distance = found.t
+        hit.slot = slot
+        hit.shape = shape
+        hit.face = found.face
+        hit.u = found.u
+        hit.v = found.v
+    return hit
+
+
+# Functions below are made for the kinds of shapes of a scene: ``wp.static`` leaves out the code of others.
+
+
+def _distance_function(kinds: frozenset[int]) -> wp.Function:
     has = {name: int(newton.GeoType[name]) in kinds for name in
            ("BOX", "PLANE", "CAPSULE", "CYLINDER", "SPHERE", "CONE", "ELLIPSOID")}  # fmt: skip
     box, plane, capsule, cylinder, sphere, cone, ellipsoid = has.values()
@@ -140,6 +153,14 @@ def hit_functions(kinds: frozenset[int]) -> HitFunctions:
                 t, _n = ray_intersect_ellipsoid(start, direction, size)
         return t
 
+    return primitive_distance
+
+
+def _normal_function(kinds: frozenset[int]) -> wp.Function:
+    has = {name: int(newton.GeoType[name]) in kinds for name in
+           ("BOX", "CAPSULE", "CYLINDER", "SPHERE", "CONE", "ELLIPSOID")}  # fmt: skip
+    box, capsule, cylinder, sphere, cone, ellipsoid = has.values()
+
     @wp.func
     def primitive_normal(kind: int, size: wp.vec3, start: wp.vec3, direction: wp.vec3, distance: float) -> wp.vec3:
         """Normal of a primitive where a ray in its own frame meets it."""
@@ -165,18 +186,13 @@ def hit_functions(kinds: frozenset[int]) -> HitFunctions:
                 _t, normal = ray_intersect_ellipsoid(start, direction, size)
         return normal
 
-    @wp.func
-    def mesh_hit(mesh: wp.uint64, slot: int, shape: int, start: wp.vec3, direction: wp.vec3, hit: PixelHit) -> PixelHit:
-        """The nearer of ``hit`` and a mesh, for a ray in its frame."""
-        found = wp.mesh_query_ray(mesh, start, direction, hit.distance)
-        if found.result and found.t < hit.distance:
-            hit.distance = found.t
-            hit.slot = slot
-            hit.shape = shape
-            hit.face = found.face
-            hit.u = found.u
-            hit.v = found.v
-        return hit
+    return primitive_normal
+
+
+def _search_functions(
+    has_meshes: bool, has_primitives: bool, primitive_distance: wp.Function
+) -> tuple[wp.Function, wp.Function]:
+    """``listed_hit`` and ``tree_hit``."""
 
     @wp.func
     def primitive_hit(
@@ -207,11 +223,11 @@ def hit_functions(kinds: frozenset[int]) -> HitFunctions:
             turn = seen.turn[slot]
             local, along = turn * start + seen.start[slot], turn * direction
             mesh = wp.uint64(0)
-            if wp.static(meshes_there):
+            if wp.static(has_meshes):
                 mesh = seen.mesh[slot]
                 if mesh != wp.uint64(0):
-                    hit = mesh_hit(mesh, slot, _NONE, local, along, hit)
-            if wp.static(primitives_there):
+                    hit = _mesh_hit(mesh, slot, _NONE, local, along, hit)
+            if wp.static(has_primitives):
                 if mesh == wp.uint64(0):
                     hit = primitive_hit(seen.kind[slot], seen.size[slot], slot, _NONE, local, along, hit)
         return hit
@@ -227,13 +243,21 @@ def hit_functions(kinds: frozenset[int]) -> HitFunctions:
             shape = int(entry)
             mesh, scale = statics.source[shape], statics.scale[shape]
             local, along = _local_ray(statics.pose[shape], scale, mesh != wp.uint64(0), start, direction)
-            if wp.static(meshes_there):
+            if wp.static(has_meshes):
                 if mesh != wp.uint64(0):
-                    hit = mesh_hit(mesh, _NONE, shape, local, along, hit)
-            if wp.static(primitives_there):
+                    hit = _mesh_hit(mesh, _NONE, shape, local, along, hit)
+            if wp.static(has_primitives):
                 if mesh == wp.uint64(0):
                     hit = primitive_hit(statics.kind[shape], scale, _NONE, shape, local, along, hit)
         return hit
+
+    return listed_hit, tree_hit
+
+
+def _normal_functions(
+    has_meshes: bool, has_primitives: bool, primitive_normal: wp.Function
+) -> tuple[wp.Function, wp.Function]:
+    """``listed_normal`` and ``tree_normal``."""
 
     @wp.func
     def listed_normal(
@@ -248,10 +272,10 @@ def hit_functions(kinds: frozenset[int]) -> HitFunctions:
     ) -> wp.vec3:
         turn, mesh = seen.turn[hit.slot], seen.mesh[hit.slot]
         normal = wp.vec3(0.0)
-        if wp.static(meshes_there):
+        if wp.static(has_meshes):
             if mesh != wp.uint64(0):
                 normal = _mesh_normal(mesh, smooth[shape], meshes, hit)
-        if wp.static(primitives_there):
+        if wp.static(has_primitives):
             if mesh == wp.uint64(0):
                 local, along = turn * start + seen.start[hit.slot], turn * direction
                 normal = primitive_normal(seen.kind[hit.slot], seen.size[hit.slot], local, along, hit.distance)
@@ -273,15 +297,21 @@ def hit_functions(kinds: frozenset[int]) -> HitFunctions:
             return otherwise
         mesh, scale, pose = statics.source[shape], statics.scale[shape], statics.pose[shape]
         normal = wp.vec3(0.0)
-        if wp.static(meshes_there):
+        if wp.static(has_meshes):
             if mesh != wp.uint64(0):
                 own = _mesh_normal(mesh, smooth[shape], meshes, hit)
                 normal = wp.vec3(own[0] / scale[0], own[1] / scale[1], own[2] / scale[2])
-        if wp.static(primitives_there):
+        if wp.static(has_primitives):
             if mesh == wp.uint64(0):
                 local, along = _local_ray(pose, scale, False, start, direction)
                 normal = primitive_normal(statics.kind[shape], scale, local, along, hit.distance)
         return wp.normalize(wp.transform_vector(pose, normal))
+
+    return listed_normal, tree_normal
+
+
+def _shadow_function(has_meshes: bool, has_primitives: bool, primitive_distance: wp.Function) -> wp.Function:
+    """``is_shadowed``."""
 
     @wp.func
     def is_shadowed(env: int, start: wp.vec3, direction: wp.vec3, seen: SeenShapes) -> bool:
@@ -295,14 +325,27 @@ def hit_functions(kinds: frozenset[int]) -> HitFunctions:
                 continue
             turn, mesh = seen.turn[slot], seen.mesh[slot]
             local, toward = turn * start + seen.start[slot], turn * direction
-            if wp.static(meshes_there):
+            if wp.static(has_meshes):
                 if mesh != wp.uint64(0):
                     if wp.mesh_query_ray_anyhit(mesh, local, toward, 1.0e8):
                         return True
-            if wp.static(primitives_there):
+            if wp.static(has_primitives):
                 if mesh == wp.uint64(0):
                     if primitive_distance(kind, seen.size[slot], local, toward) >= 0.0:
                         return True
         return False
 
-    return HitFunctions(listed_hit, tree_hit, listed_normal, tree_normal, is_shadowed)
+    return is_shadowed
+
+
+@functools.cache
+def hit_functions(kinds: frozenset[int]) -> HitFunctions:
+    """The functions for some kinds of shapes, by ``newton.GeoType``; meshes of all kinds are ``GeoType.MESH``."""
+    mesh = int(newton.GeoType.MESH)
+    has = mesh in kinds, bool(kinds - {mesh})
+    distance = _distance_function(kinds)
+    return HitFunctions(
+        *_search_functions(*has, distance),
+        *_normal_functions(*has, _normal_function(kinds)),
+        _shadow_function(*has, distance),
+    )

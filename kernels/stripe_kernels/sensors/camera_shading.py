@@ -168,6 +168,7 @@ def picture_kernel(features: Features) -> wp.Kernel:
         casters: wp.array[float],
         out: PictureOutput,
     ):
+        # The pixel of this thread: a warp computes a tile, whose rays meet the same shapes.
         tid = wp.tid()
         lane, tile = tid % 32, tid // 32
         env = tile // tiles[1]
@@ -176,6 +177,7 @@ def picture_kernel(features: Features) -> wp.Kernel:
         col = (tile % tiles[0]) * wp.static(TILE_WIDTH) + lane % wp.static(TILE_WIDTH)
         if row >= height or col >= width or not due[env]:
             return
+        # Its ray, in the frame of the camera and in the world, from the near plane to the far one.
         through = wp.vec3((float(col) + 0.5 - lens.cx) / lens.fx, (lens.cy - float(row) - 0.5) / lens.fy, -1.0)
         slant = 1.0 / wp.length(through)
         start, direction = through * lens.near, through * slant
@@ -189,6 +191,7 @@ def picture_kernel(features: Features) -> wp.Kernel:
         start_w, direction_w = start, direction
         if wp.static(features.field or features.tree):
             start_w, direction_w = wp.transform_point(pose, start), wp.quat_rotate(turn, direction)
+        # What it hits first: the height field, shapes of the environment, the tree of static shapes.
         ground = FieldHit()
         ground.distance = -1.0
         if wp.static(features.field):
@@ -199,6 +202,7 @@ def picture_kernel(features: Features) -> wp.Kernel:
         if wp.static(features.tree):
             hit = tree_hit(start_w, direction_w, field_shape, statics, hit)
 
+        # The shape's index in the model, -1 for none.
         shape = hit.shape
         if hit.slot >= 0:
             shape = seen.shape[hit.slot]
@@ -249,6 +253,7 @@ def picture_kernel(features: Features) -> wp.Kernel:
                 lit = _light_of(env, look, light)
                 detail = wp.vec4(0.0, 0.0, 0.0, 1.0)
                 eye, ahead = wp.transform_point(pose, start), wp.quat_rotate(turn, direction)
+                # Shadow rays start a little above the surface, and only where it faces the sun.
                 if wp.static(features.shadows):
                     facing = normal
                     if wp.dot(normal, ahead) > 0.0:

@@ -132,7 +132,7 @@ def _update_times(
 
 @wp.func
 def _shift_history(env: int, body: int, sensor: ContactSensorData):
-    """Make room for a measurement in the history of a body, and clear its filtered forces."""
+    """Shift the history of a body by one measurement, and clear its filtered forces."""
     count = sensor.net_forces_w_history.shape[1]
     for k in range(1, count):  # from the oldest entry on, so that none is overwritten before it is copied
         slot = count - k

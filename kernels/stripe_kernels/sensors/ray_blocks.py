@@ -7,7 +7,7 @@ above, and marches through the cells of the others as :func:`stripe_kernels.sens
 
 import warp as wp
 
-from .ray_field import RayField, clip_span, leave_index, pass_cell
+from .ray_field import RayField, leave_index, pass_cell, span_in_field
 
 __all__ = ["BLOCK", "FieldHit", "bound_blocks", "field_normal", "march_blocks"]
 
@@ -71,11 +71,7 @@ def march_blocks(
     hit = FieldHit()
     hit.distance = -1.0
     nrow, ncol = field.heights.shape[0], field.heights.shape[1]
-    upper_x = field.lower[0] + field.cell[0] * float(ncol - 1)
-    upper_y = field.lower[1] + field.cell[1] * float(nrow - 1)
-    span = clip_span(field.lower[0], upper_x, start[0], direction[0], wp.vec2(0.0, limit))
-    span = clip_span(field.lower[1], upper_y, start[1], direction[1], span)
-    span = clip_span(field.bounds[0] - 1.0e-3, field.bounds[1] + 1.0e-3, start[2], direction[2], span)
+    span = span_in_field(field, start, direction, limit)
     if not (span[0] <= span[1]):  # false for NaN too
         return hit
     u0, v0 = (start[0] - field.lower[0]) / field.cell[0], (start[1] - field.lower[1]) / field.cell[1]

@@ -8,7 +8,7 @@ thickness: a ray that starts below it hits it from below.
 
 import warp as wp
 
-__all__ = ["RayField", "clip_span", "field_height", "leave_index", "march_field", "pass_cell"]
+__all__ = ["RayField", "field_height", "leave_index", "march_field", "pass_cell", "span_in_field"]
 
 _HUGE = wp.constant(1.0e30)
 
@@ -47,7 +47,7 @@ def field_height(field: RayField, x: float, y: float) -> float:
 
 
 @wp.func
-def clip_span(lower: float, upper: float, start: float, direction: float, span: wp.vec2) -> wp.vec2:
+def _clip_span(lower: float, upper: float, start: float, direction: float, span: wp.vec2) -> wp.vec2:
     """Part of ``span`` in which one coordinate of a ray is between two bounds; empty where first exceeds last."""
     # The slab method; a ray along the slab would divide by zero.
     if wp.abs(direction) < 1.0e-12:
@@ -56,6 +56,19 @@ def clip_span(lower: float, upper: float, start: float, direction: float, span: 
         return span
     a, b = (lower - start) / direction, (upper - start) / direction
     return wp.vec2(wp.max(span[0], wp.min(a, b)), wp.min(span[1], wp.max(a, b)))
+
+
+@wp.func
+def span_in_field(field: RayField, start: wp.vec3, direction: wp.vec3, limit: float) -> wp.vec2:
+    """Distances [m] between which a ray of length ``limit`` is in the box around a height field; empty where the first
+    exceeds the second."""
+    nrow, ncol = field.heights.shape[0], field.heights.shape[1]
+    upper_x = field.lower[0] + field.cell[0] * float(ncol - 1)
+    upper_y = field.lower[1] + field.cell[1] * float(nrow - 1)
+    span = _clip_span(field.lower[0], upper_x, start[0], direction[0], wp.vec2(0.0, limit))
+    span = _clip_span(field.lower[1], upper_y, start[1], direction[1], span)
+    # 1 mm more than the heights' range, so that a ray which enters through a summit or a flat field is not lost.
+    return _clip_span(field.bounds[0] - 1.0e-3, field.bounds[1] + 1.0e-3, start[2], direction[2], span)
 
 
 @wp.func
@@ -154,12 +167,7 @@ def march_field(field: RayField, start: wp.vec3, direction: wp.vec3, limit: floa
     """
     # The ray visits the triangles in order, see `pass_cell`.
     nrow, ncol = field.heights.shape[0], field.heights.shape[1]
-    upper_x = field.lower[0] + field.cell[0] * float(ncol - 1)
-    upper_y = field.lower[1] + field.cell[1] * float(nrow - 1)
-    span = clip_span(field.lower[0], upper_x, start[0], direction[0], wp.vec2(0.0, limit))
-    span = clip_span(field.lower[1], upper_y, start[1], direction[1], span)
-    # 1 mm more than the heights' range, so that a ray which enters through a summit or a flat field is not lost.
-    span = clip_span(field.bounds[0] - 1.0e-3, field.bounds[1] + 1.0e-3, start[2], direction[2], span)
+    span = span_in_field(field, start, direction, limit)
     if not (span[0] <= span[1]):  # false for NaN too
         return -1.0
     u0, v0 = (start[0] - field.lower[0]) / field.cell[0], (start[1] - field.lower[1]) / field.cell[1]

@@ -99,7 +99,7 @@ class CarriedState:
         self._sizes = [(container, size_of(container)) for container, _ in found.contents]
 
     def holds(self, tensor: torch.Tensor) -> bool:
-        """Whether a tensor lies in memory that stays: that of a home or of the simulation."""
+        """Whether a tensor is in persistent memory: that of a home or of the simulation."""
         return storage_of(tensor) in self._fixed or storage_of(tensor) in map(storage_of, self.homes.values())
 
     def _look(self) -> Scan:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Extras of a recorded hook: what it adds to ``env.extras``, handed out anew after each replay."""
+"""Extras of a recorded hook: what it adds to ``env.extras``, copied to new tensors after each replay."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def copy_extras(extras: Extras) -> Extras:
 
 
 class _Fresh(dict):
-    """Entries of a dict that a hook has put in the place of another one."""
+    """Entries of a dict by which a hook has replaced another one."""
 
 
 _KEPT = object()

@@ -191,7 +191,7 @@ class HookRecorder:
             hook.run_eagerly()
 
     def _run_padded(self, hook: RecordedHook, variant: int, shows: bool) -> None:
-        """Run a hook by the graph of a variant that stands for many, or bring it nearer to having one.
+        """Run a hook by the graph of a variant that covers many, or do the next step towards recording one.
 
         Args:
             hook: The hook.

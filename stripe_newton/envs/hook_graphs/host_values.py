@@ -98,7 +98,7 @@ class HostCalls(TorchFunctionMode):
         return result
 
     def _numbers_on_device(self, args: Sequence[object]) -> list[object]:
-        """Arguments of ``torch.where`` with tensors in the place of numbers, which it copies from the host."""
+        """Arguments of ``torch.where`` with numbers as tensors, as it would copy numbers from the host."""
         tensors = [a for a in args if isinstance(a, torch.Tensor) and a.dtype != torch.bool]
         numbers = [a for a in args if isinstance(a, (bool, int, float))]
         if not numbers:
@@ -173,7 +173,7 @@ def _call(func: Callable[..., object], *args: object) -> object:
 
 
 def _number_on_device(target: object, index: object, value: object) -> object:
-    """What is written to ``target[index]``: a tensor in the place of a number, where torch would copy that."""
+    """The value for ``target[index]``: a number as a tensor, where torch would copy it from the host."""
     if isinstance(value, (int, float)) and _has_indices(index) and isinstance(target, torch.Tensor):
         return torch.full((), value, dtype=target.dtype, device=target.device)
     return value

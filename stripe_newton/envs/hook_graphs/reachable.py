@@ -34,7 +34,7 @@ _SMALL = 4096
 
 @dataclass
 class Scan:
-    """What a walk from the environment found.
+    """Results of a walk over everything that the environment refers to.
 
     Attributes:
         tensors: Tensors by path.
@@ -127,7 +127,7 @@ def _assign(holder: object, path: Path, value: object) -> None:
 
 
 def value_at(holder: object, key: str | int) -> object:
-    """What a container or an object holds at a key or under a name; :data:`NOTHING` where there is nothing."""
+    """Value of a container at a key, or of an object under a name; :data:`NOTHING` if there is none."""
     try:
         return _get(holder, key)
     except (LookupError, AttributeError):

@@ -33,7 +33,7 @@ __all__ = ["RecordedHook"]
 
 
 class RecordedHook:
-    """One hook; a number tells apart variants that need graphs of their own, such as for numbers of resets.
+    """One hook; a number distinguishes variants that need graphs of their own, such as for numbers of resets.
 
     Attributes:
         name: Name of the hook.
@@ -165,7 +165,7 @@ class RecordedHook:
         self.proofs.clear()
 
     def give_up_padding(self, reason: str) -> None:
-        """Drop the recordings of variants that stand for many: from now on each variant is recorded on its own."""
+        """Drop the recordings of variants that cover many: from now on each variant is recorded on its own."""
         self.why_not_padded = reason
         self._drop_graphs()
 

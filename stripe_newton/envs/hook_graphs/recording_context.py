@@ -21,7 +21,7 @@ Flag: TypeAlias = tuple[object, str, object]
 
 
 class HookGraph(Protocol):
-    """What a function launched, to be launched again on the same memory."""
+    """Launches of a function, to be replayed on the same memory."""
 
     def replay(self) -> None:
         """Launch it again."""
@@ -37,7 +37,7 @@ class HooksEnv(Protocol):
 
 @dataclass
 class RecordingContext:
-    """What all hooks of an environment share.
+    """State that all hooks of an environment share.
 
     Attributes:
         env: The environment.
@@ -87,7 +87,7 @@ class Launched:
     flags: list[Flag]
 
     def __call__(self) -> None:
-        """Hand out the extras, set the flags."""
+        """Publish the extras and set the flags."""
         publish_extras(self.env.extras, self.extras)
         set_flags(self.flags)
 

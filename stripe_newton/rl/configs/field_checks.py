@@ -39,7 +39,7 @@ def folder_names(cfg: object, *fields: str, parts: bool = False) -> Problems:
 
 
 def why_no_folder_name(name: object, parts: bool = False) -> str:
-    """What is wrong with a name of a folder below the log folder; empty if nothing is.
+    """Problem with a name of a folder below the log folder; empty if there is none.
 
     Args:
         name: The name.

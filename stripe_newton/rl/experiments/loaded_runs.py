@@ -47,7 +47,7 @@ class LoadedRun:
 
 
 def find_runs(path: str | os.PathLike) -> list[Path]:
-    """The run folders that a path stands for: itself, or those below it.
+    """The run folders of a path: itself, or those below it.
 
     Raises:
         CompareError: if there are none.

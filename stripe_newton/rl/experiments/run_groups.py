@@ -248,13 +248,13 @@ def group_runs(runs: Sequence[LoadedRun], by: Sequence[str] = ()) -> list[Group]
     for run in runs:
         found.setdefault(tuple(_comparable(name, run.config.get(name)) for name in fields), []).append(run)
     ordered = sorted(found.values(), key=lambda same: [_order(same[0].config.get(name)) for name in fields])
-    telling = fields if by else _telling_fields([same[0].config for same in ordered], fields)
+    telling = fields if by else _distinguishing_fields([same[0].config for same in ordered], fields)
     names = _unique([_group_name(same[0], telling) for same in ordered])
     return [Group(name, same) for name, same in zip(names, ordered)]
 
 
-def _telling_fields(configs: Sequence[Mapping[str, object]], fields: Sequence[str]) -> list[str]:
-    """As few fields as tell all configs apart, in their order. The table of differences has the others.
+def _distinguishing_fields(configs: Sequence[Mapping[str, object]], fields: Sequence[str]) -> list[str]:
+    """The fewest fields that distinguish all configs, in their order. The table of differences has the others.
 
     The field that splits the groups most comes first; the length of a run and its number of environments come last, as
     nobody looks for them in a name.
@@ -274,7 +274,7 @@ _OF_LENGTH = ("max_iterations", "num_envs", "save_interval")
 
 
 def _group_name(run: LoadedRun, fields: Sequence[str]) -> str:
-    """Name of the group of a run, by the values of the fields that tell the groups apart."""
+    """Name of the group of a run, by the values of the fields that distinguish the groups."""
     short = short_names(fields)
     named = ", ".join(f"{short[name]} {format_number(run.config.get(name))}" for name in fields[:4])
     more = f" and {len(fields) - 4} more" if len(fields) > 4 else ""

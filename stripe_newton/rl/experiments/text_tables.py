@@ -44,7 +44,7 @@ _GENERAL = frozenset({"weight", "scale", "std", "func", "clip", "noise", "params
 
 
 def short_names(paths: Iterable[str]) -> dict[str, str]:
-    """Short name of each dotted path: its last parts, as few as tell it apart from the others and say what it is.
+    """Short name of each dotted path: the fewest last parts that are unique among the paths and still clear.
 
     The weight of a reward or the damping of a drive needs the name of the term or the drive.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""FlatAdam: Adam on two networks whose parameters lie in one piece of memory, with clipping, in few kernels."""
+"""FlatAdam: Adam, with clipping, on two networks whose parameters are one contiguous tensor, in few kernels."""
 
 from __future__ import annotations
 

@@ -235,7 +235,7 @@ class _Page:
 
 
 def _facts(run: ReportedRun) -> dict[str, str]:
-    """What the report says about a run, by name."""
+    """Facts about a run, by name, for the table of the report."""
     config, system = run.log.config, dict(run.facts.system)
     seed = config.get("agent.seed", config.get("env.seed"))
     facts = {

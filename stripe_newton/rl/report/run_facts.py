@@ -27,7 +27,7 @@ _NO_CHANGES = frozenset({"env.sim.device", "env.seed"})
 
 @dataclass
 class RunFacts:
-    """What a run's folder says about it beside its configs and numbers."""
+    """Facts about a run from its folder, beside its configs and numbers."""
 
     system: dict[str, str] = field(default_factory=dict)
     """Device, versions and time of the start, by name; empty if the run does not say."""

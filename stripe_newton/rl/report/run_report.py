@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""RunReport: writes ``report.html`` of a run while it trains, and reports of runs that are there."""
+"""RunReport: writes ``report.html`` of a run while it trains, and of finished runs."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def write_report(runs: Sequence[ReportedRun], path: Path, x: str = "iterations",
 
 
 class RunReport:
-    """The report in the folder of a run that trains. What prevents it is a warning, as the training goes on."""
+    """The report in the folder of a run that trains. Errors become warnings, so that the training continues."""
 
     def __init__(self, folder: RunFolder):
         """Prepare the report; nothing is written yet."""
@@ -47,7 +47,7 @@ class RunReport:
         self._warned = False
 
     def update(self) -> None:
-        """Write the report of a training that goes on, unless reports have taken too much of its time."""
+        """Write the report during a training, unless reports have taken too much of its time."""
         began = time.monotonic()
         if began >= self._next:
             self._write(live=True)

@@ -47,7 +47,7 @@ CheckpointData = dict[str, Any]
 
 
 class _Needed(TypedDict):
-    """What every checkpoint has."""
+    """Keys that every checkpoint has."""
 
     iter: NonNegativeInt
 
@@ -100,7 +100,7 @@ def save_checkpoint(data: CheckpointData, path: str | os.PathLike) -> None:
 
 
 def describe_checkpoint_size(path: Path, data: CheckpointData, more: int) -> str:
-    """What the checkpoints of a run take, where that is much; empty where it is little.
+    """Line about the disk space of a run's checkpoints, if it is much; else empty.
 
     Args:
         path: A checkpoint that has been written.

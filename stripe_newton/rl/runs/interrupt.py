@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Interrupts: the first signal asks for a stop, the second ends the program at once."""
+"""Interrupts: the first signal requests a stop, the second ends the program at once."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Live view of a training: shows the environments while they are trained in, and costs nothing while nobody looks."""
+"""Live view of a training: shows the environments during the training, without cost while no page is open."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class TrainingView:
         self._watch(False)
 
     def _watch(self, is_watched: bool) -> None:
-        """Draw after each step, or not: with a hook, the rollout hands out observations after each step."""
+        """Draw after each step, or not: with a hook, the rollout publishes observations after each step."""
         if is_watched != self._is_watched:
             self._is_watched = is_watched
             hooks = self._runner.env.step_hooks

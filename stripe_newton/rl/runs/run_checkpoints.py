@@ -39,7 +39,7 @@ class RunCheckpoints:
         self.current = checkpoint.stem
 
     def names(self) -> list[str]:
-        """Names of all that are there now, the newest last; a file that is in no run folder is alone."""
+        """Names of the present checkpoints, the newest last; a file in no run folder is the only one."""
         if self._folder is None:
             return [self._alone.stem]
         return [path.stem for _, path in sorted(self._folder.list_checkpoints())]

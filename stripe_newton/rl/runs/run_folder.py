@@ -236,7 +236,7 @@ class RunFolder:
 
 
 def find_checkpoint(path: str | os.PathLike) -> Path:
-    """The checkpoint file that ``path`` stands for: the file itself, or the newest whole one of a run folder.
+    """The checkpoint file of ``path``: the file itself, or the newest complete one of a run folder.
 
     Newer checkpoints that are damaged are passed over with a warning.
 
@@ -294,7 +294,7 @@ def find_newest(run: RunFolder, before: Path | None = None) -> Path | None:
 
 
 def find_run(path: str | os.PathLike) -> tuple[RunFolder | None, Path | None]:
-    """The run and the checkpoint that ``--resume`` stands for.
+    """The run and the checkpoint that ``--resume`` names.
 
     The run is None for a checkpoint that is in no run folder. The checkpoint is None for a run that ended before its
     first one, so that it begins anew.

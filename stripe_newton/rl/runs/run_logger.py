@@ -163,7 +163,7 @@ class RunLogger(Logger):
 
     @contextlib.contextmanager
     def _on_host(self) -> Iterator[None]:
-        """Let rsl_rl average the environment's log on the host, if it is there.
+        """Let rsl_rl average the environment's log on the host, if it is on the host.
 
         On the device each of its values would wait for all that is queued there, such as the next rollout.
         """
