@@ -26,7 +26,7 @@ _HALF_LOG_2PI = wp.constant(0.9189385332046727)
 
 @wp.kernel(enable_backward=False)
 def gather_inputs(
-    picked: wp.array[wp.int64],
+    indices: wp.array[wp.int64],
     rows: wp.array2d[float],
     first: int,
     mean: wp.array2d[float],
@@ -37,7 +37,7 @@ def gather_inputs(
     """Gather observations of samples, normalised; launch ``(m, w)`` threads.
 
     Args:
-        picked: Rows that the samples are, ``(m,)``.
+        indices: Row of each sample, ``(m,)``.
         rows: A group of observations, ``(n, w)``.
         first: Column of ``out`` that the group begins at.
         mean: Running means, ``(1, columns)``, or nothing for no normalisation.
@@ -46,7 +46,7 @@ def gather_inputs(
         out: Inputs of a network, float32 or bfloat16, ``(m, columns)``.
     """
     i, j = wp.tid()
-    value = rows[int(picked[i]), j]
+    value = rows[int(indices[i]), j]
     if mean:
         value = (value - mean[0, first + j]) / (std[0, first + j] + eps)
     out[i, first + j] = out.dtype(value)
@@ -65,7 +65,7 @@ def _deviation(parameter: float, low: float, high: float, is_log: bool) -> float
 
 @wp.kernel(enable_backward=False)
 def ppo_loss(
-    picked: wp.array[wp.int64],
+    indices: wp.array[wp.int64],
     mean: wp.array2d[float],
     std_parameter: wp.array[float],
     low: float,
@@ -93,7 +93,7 @@ def ppo_loss(
     ``value_weight`` times the value loss. The entropy does not depend on the sample and is left to the caller.
 
     Args:
-        picked: Rows of the storage that the samples are, ``(m,)``.
+        indices: Row of each sample in the storage, ``(m,)``.
         mean: Means of the actions, ``(m, k)``.
         std_parameter: Parameters of the standard deviations of the actions, ``(k,)``.
         low: Lower bound of those parameters.
@@ -117,9 +117,9 @@ def ppo_loss(
             means over the samples are those of the minibatch, ``(3 + k, m)``.
     """
     i = wp.tid()
-    row = int(picked[i])
+    row = int(indices[i])
     count = mean.shape[1]
-    share = 1.0 / float(mean.shape[0])
+    scale = 1.0 / float(mean.shape[0])
 
     log_prob, kl = wp.float32(0.0), wp.float32(0.0)
     for j in range(count):
@@ -133,28 +133,28 @@ def ppo_loss(
 
     advantage = (advantages[row] - advantage_scale[0]) / advantage_scale[1]
     ratio = wp.exp(log_prob - old_log_prob[row])
-    free = -advantage * ratio
+    unclipped = -advantage * ratio
     clipped = -advantage * wp.clamp(ratio, 1.0 - clip, 1.0 + clip)
-    # Where the clipped one counts, the surrogate does not depend on the policy.
-    by_log_prob = wp.where(free >= clipped, free, 0.0)
-    terms[0, i] = wp.max(free, clipped)
+    # Where the clipped one is larger, the surrogate does not depend on the policy.
+    grad_log_prob = wp.where(unclipped >= clipped, unclipped, 0.0)
+    terms[0, i] = wp.max(unclipped, clipped)
     terms[2, i] = kl
     for j in range(count):
         s = _deviation(std_parameter[j], low, high, is_log)
         z = (actions[row, j] - mean[i, j]) / s
-        mean_gradient[i, j] = share * by_log_prob * z / s
-        terms[3 + j, i] = by_log_prob * (z * z - 1.0) / s
+        mean_gradient[i, j] = scale * grad_log_prob * z / s
+        terms[3 + j, i] = grad_log_prob * (z * z - 1.0) / s
 
     error = value[i] - returns[row]
-    loss, by_value = error * error, 2.0 * error
+    loss, grad_value = error * error, 2.0 * error
     if clips_value:
         change = value[i] - old_value[row]
         error = old_value[row] + wp.clamp(change, -clip, clip) - returns[row]
         if error * error > loss:
             loss = error * error
-            by_value = wp.where(wp.abs(change) <= clip, 2.0 * error, 0.0)
+            grad_value = wp.where(wp.abs(change) <= clip, 2.0 * error, 0.0)
     terms[1, i] = loss
-    value_gradient[i] = share * value_weight * by_value
+    value_gradient[i] = scale * value_weight * grad_value
 
 
 @wp.kernel(enable_backward=False)

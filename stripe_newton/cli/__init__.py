@@ -111,6 +111,11 @@ def _dispatch(args: list[str], is_program: bool = False) -> int:
     if not args or args[0] in ("-h", "--help"):
         print(_usage())
         return 0 if args else 2
+    if args[0] == "--version":
+        from importlib.metadata import version  # here, as other commands start faster without it
+
+        print(f"stripe-newton {version('stripe-newton')}")
+        return 0
     if args[0] not in COMMANDS:
         near = difflib.get_close_matches(args[0], COMMANDS, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(COMMANDS)}"
@@ -149,5 +154,6 @@ def _usage() -> str:
             "stripe-newton COMMAND --help shows the options of a command; stripe-newton train TASK --help also every",
             "field of that task's configuration. --import MODULE_OR_FILE imports tasks of your own first.",
             "--isaaclab runs files that are written for Isaac Lab; without --import, its own package isaaclab_tasks.",
+            "--version prints the version.",
         ]
     )

@@ -203,8 +203,10 @@ def _height(kind: str, file: Path, floating: bool, keyframe: str | None, start: 
     """
     import newton
 
+    from stripe_newton.forward_only import leave_out_gradients
     from stripe_newton.robot_files import import_robot_file
 
+    leave_out_gradients()  # as the warm-up compiles kernels, or they would be compiled again, and for longer
     builder = newton.ModelBuilder()
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
     if kind == "usd":

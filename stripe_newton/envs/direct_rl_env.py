@@ -34,7 +34,7 @@ def _has_shape_of(own: SpaceSpec, value: SpaceSpec) -> bool:
     """Whether a space is a ``Box`` of the same shape as another one, with whatever bounds, or equal to it."""
     try:
         one, other = to_space(own), to_space(value)
-    except (TypeError, ValueError):  # told elsewhere
+    except (TypeError, ValueError):  # reported elsewhere
         return value == own
     boxes = isinstance(one, spaces.Box) and isinstance(other, spaces.Box)
     return one.shape == other.shape if boxes else one == other

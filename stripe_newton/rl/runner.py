@@ -330,7 +330,7 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         env.regenerate(first_seed + number)
         if self.agent_cfg.init_at_random_ep_len:
             self._randomize_episode_lengths()
-        self.logger.forget_episodes()
+        self.logger.clear_episodes()
         # All episodes were cut, so recurrent networks forget them.
         ended = torch.ones(env.num_envs, dtype=torch.long, device=self.device)
         for network in self.networks.values():

@@ -69,7 +69,7 @@ def _unknown_classes(settings: Mapping[str, object], path: str) -> Iterator[str]
             except (ImportError, AttributeError, ValueError):
                 known = False
             if not known:
-                yield f"{path}{key}: is {value!r}, must be a class of rsl_rl's, or 'module:Name'"
+                yield f"{path}{key}: '{value}' is not found; give a class of rsl_rl, or 'module:Name' of your own"
 
 
 def _too_few_samples(cfg: RslRlOnPolicyRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator[str]:

@@ -61,7 +61,7 @@ class ModelUpdate:
     ``solver.notify_model_changed``.
 
     Attributes:
-        flags: What the solver is told where all worlds are updated.
+        flags: Flags for the solver's notification where all worlds are updated.
         why_all_worlds: Why all worlds are updated rather than those of a mask; empty if it is those.
         constants: Computes the constants that follow from masses; None where they stay.
     """

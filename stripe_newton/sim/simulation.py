@@ -112,7 +112,7 @@ class Simulation:
     recaptures: int = 0
     """Number of calls of :meth:`recapture`; an environment compares it, to record its own graph again."""
     roots_moved: bool = False
-    """Set it after moving the frame that a fixed base is fixed to; the solver is told before the next step."""
+    """Set it after moving the frame that a fixed base is fixed to; the solver is notified before the next step."""
 
     # -- there once it is built
 
@@ -451,9 +451,9 @@ class Simulation:
         """
         if isinstance(self.solver, SolverFused):
             self.solver.expect_changes(names)
-            self.forget_stale_graphs()
+            self.drop_stale_graphs()
 
-    def forget_stale_graphs(self) -> None:
+    def drop_stale_graphs(self) -> None:
         """Record the graphs again if the solver has found environments to differ that were equal when it recorded."""
         if isinstance(self.solver, SolverFused) and self.solver.has_stale_graphs:
             self.solver.has_stale_graphs = False
@@ -486,8 +486,8 @@ class Simulation:
         if message:
             warnings.warn(message, stacklevel=2)
 
-    def forget_overflow(self) -> None:
-        """Forget what was dropped so far, as by steps that were only tried; the device has to be waited for before."""
+    def discard_overflow(self) -> None:
+        """Discard reports of what was dropped so far, as by steps of a trial; wait for the device before."""
         for hook in self.hooks:
             hook.report_overflow()
 
@@ -573,7 +573,7 @@ class Simulation:
 
         Args:
             flags: Which properties; :func:`stripe_newton.sim.model_update.model_flags` finds them by name.
-            expected: Whether :meth:`expect_changes` was told of them: nothing then waits for the device to compare the
+            expected: Whether :meth:`expect_changes` knows of them: nothing then waits for the device to compare the
                 environments.
         """
         with wp.ScopedDevice(self.device):
@@ -583,7 +583,7 @@ class Simulation:
             with self.actuation.solver_gains(), expected_changes:
                 self.actuation.hide_gains()
                 self.solver.notify_model_changed(flags)
-            self.forget_stale_graphs()
+            self.drop_stale_graphs()
             for hook in self.hooks:
                 hook.launch_after_notify()
 

@@ -80,7 +80,7 @@ def _overflow_at_start(sim: Simulation) -> int:
     bits = _run(sim)
     for array, before in kept:
         wp.copy(array, before)
-    sim.forget_overflow()  # the solver's kernel may have told of it
+    sim.discard_overflow()  # the solver's kernel may have reported it
     return bits
 
 
@@ -89,14 +89,14 @@ def _run(sim: Simulation) -> int:
     state, control, observables = model.state(), model.control(), solver.observables({"overflow"})
     newton.eval_fk(model, model.joint_q, model.joint_qd, state)
     contacts = sim.pipeline.contacts() if sim.pipeline is not None else None
-    seen, told = wp.zeros(1, dtype=wp.int32), wp.zeros(1, dtype=wp.int32)
+    seen, reported = wp.zeros(1, dtype=wp.int32), wp.zeros(1, dtype=wp.int32)
     steps, start = min(_MOST_STEPS, max(1, round(_SECONDS / sim.physics_dt))), None
     for step in range(steps):
         if sim.pipeline is not None:
             sim.pipeline.collide(state, contacts)
         solver.step(state, state, control, contacts, sim.physics_dt, observables=observables)
         bits = observables.overflow
-        wp.launch(note_overflow, dim=len(bits), inputs=[bits], outputs=[seen, told])
+        wp.launch(note_overflow, dim=len(bits), inputs=[bits], outputs=[seen, reported])
         if model.device.is_cpu or step % _BLOCK == 0:
             wp.synchronize_device(model.device)
             start = time.perf_counter() if start is None else start  # after kernels were compiled

@@ -173,7 +173,7 @@ class ModelTables:
     @property
     def _geoms_size(self) -> int:
         """Numbers for the places of geoms."""
-        return 12 * len(_used_geoms(self.pairs)) if _places_geoms(self.pairs) else 1
+        return (16 * len(_used_geoms(self.pairs)) + 3 if _places_geoms(self.pairs) else 3) + _NEAR_SIZE
 
     @property
     def _listed_size(self) -> int:
@@ -199,7 +199,7 @@ class ModelTables:
     @property
     def contact_size(self) -> int:
         """Numbers of a contact, as in constraints.h."""
-        return 25 + self.has_meshes + (3 + 8 * -(-self.model.nv // 4) if self.elliptic else 0)
+        return 25 + self.has_meshes + (3 if self.elliptic else 0)
 
     def source(self, rows: int, contacts: int) -> str:
         """The constants as C++ source.
@@ -260,6 +260,15 @@ class ModelTables:
         return (self.max_rows - rows) * self.row_size + (self.max_contacts - contacts) * self.contact_size
 
 
+_SHAPES = {
+    mujoco.mjtGeom.mjGEOM_SPHERE: "BALL", mujoco.mjtGeom.mjGEOM_CAPSULE: "CAPSULE",
+    mujoco.mjtGeom.mjGEOM_CYLINDER: "CYLINDER", mujoco.mjtGeom.mjGEOM_BOX: "BOX",
+}  # fmt: skip
+"""Shapes of geoms that balls are put around."""
+_NEAR_FLAGS = {"ALWAYS_NEAR": 1 << 24, "IN_TREES": 1 << 25, "ON_PLANE": 1 << 26}
+"""How a pair is tested: not at all, as its margin is its own; across trees; a plane and a ball."""
+_NEAR_SIZE = 32
+"""Numbers of four bytes of the list of pairs that may touch."""
 TOUCHES = 24
 """Touches of a world's searches that there is room for; where there are more, the searches are finished in parts."""
 _PATCH_SIZE = 14
@@ -297,6 +306,7 @@ def _options(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, o
     return {
         "FREE": 0, "BALL": 1, "SLIDE": 2, "HINGE": 3, **{name: i for i, name in enumerate(RULES)},
         **{name: i for i, name in enumerate(ROUTINES)},
+        **{f"{shape}_SHAPE": i + 1 for i, shape in enumerate(_SHAPES.values())}, **_NEAR_FLAGS,
         **{f"HAS_{name}": int(any(p.kind == name for p in pairs)) for name in ROUTINES},
         "SEARCHES_BOXES": int(any(p.kind in ("FIELD_BOX", "MESH_BOX") for p in pairs)),
         "ELLIPTIC_CONES": int(opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC),
@@ -386,6 +396,8 @@ def _pair_tables(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[st
         "field_rows": model.hfield_nrow,
         "field_cols": model.hfield_ncol,
         "used_geom": used,
+        "near_test": [_near_test(model, used, p) for p in pairs] if _places_geoms(pairs) else [],
+        "geom_shape": [list(_SHAPES).index(t) + 1 if t in _SHAPES else 0 for t in model.geom_type[used].tolist()],
         "contact_geoms": [used.index(g) for p in pairs for g in (p.geom1, p.geom2)],
         "contact_geom1": [p.geom1 for p in pairs],
         "contact_geom2": [p.geom2 for p in pairs],
@@ -406,6 +418,14 @@ def _coefficients(model: mujoco.MjModel) -> dict[str, list[float]]:
 
 def _used_geoms(pairs: Sequence[ContactPair]) -> list[int]:
     return sorted({g for pair in pairs for g in (pair.geom1, pair.geom2)})
+
+
+def _near_test(model: mujoco.MjModel, used: Sequence[int], pair: ContactPair) -> int:
+    """Which balls around geoms tell whether a pair may touch, see ``may_touch`` of collision.h."""
+    trees = model.body_rootid[model.geom_bodyid[[pair.geom1, pair.geom2]]]
+    flags = {"ALWAYS_NEAR": pair.rule == "OF_PAIR", "IN_TREES": trees[0] != trees[1], "ON_PLANE": "PLANE" in pair.kind}
+    flag = sum(_NEAR_FLAGS[name] for name, holds in flags.items() if holds)
+    return used.index(pair.geom1) | used.index(pair.geom2) << 12 | flag
 
 
 def _on_ground(pair: ContactPair) -> tuple[int, int, int]:

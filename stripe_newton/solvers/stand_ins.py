@@ -95,7 +95,7 @@ class StandIns:
         geoms[self.hidden] = geoms[self.stand_in]
         geom_of_shape.assign(geoms)
 
-    def unlike(self, model: newton.Model) -> np.ndarray:
+    def mismatched(self, model: newton.Model) -> np.ndarray:
         """Hidden shapes whose collision settings are no longer those of the geoms that represent them."""
         differ = (_columns(model, self.hidden) != _columns(model, self.stand_in)).any(axis=1)
         return self.hidden[differ]

@@ -119,10 +119,10 @@ class StaticTriangles:
         Raises:
             ValueError: naming the shape.
         """
-        unlike: Sequence[int] | np.ndarray = [] if self._stand_ins is None else self._stand_ins.unlike(newton_model)
-        if len(unlike):
+        changed = np.zeros(0, dtype=int) if self._stand_ins is None else self._stand_ins.mismatched(newton_model)
+        if len(changed):
             raise ValueError(
-                f"the material of the static collider '{self._shapes.label[unlike[0]]}' was changed, but of so many "
+                f"the material of the static collider '{self._shapes.label[changed[0]]}' was changed, but of so many "
                 "static colliders those of a material share one: change all of them alike, or author it in the stage"
             )
         if self.grids is None:

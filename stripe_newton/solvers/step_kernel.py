@@ -29,8 +29,8 @@ __all__ = [
 _SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "hulls.h", "hull_contacts.h", "search.h", "heightfield.h", "meshes.h",
     "search_hits.h", "contact_fields.h", "world.h", "rows.h", "poses.h", "impedance.h", "dynamics.h", "constraints.h",
-    "attachments.h", "geoms.h", "ground_parts.h", "collision.h", "touches.h", "ground.h", "newton.h", "newton_state.h",
-    "per_step.h", "launch.h", "results.h", "accelerations.h", "step.h",
+    "attachments.h", "geoms.h", "ground_parts.h", "collision.h", "touches.h", "ground.h", "cones.h", "hessian.h",
+    "newton.h", "newton_state.h", "per_step.h", "launch.h", "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 _LIMB_SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "search_hits.h",
@@ -139,8 +139,8 @@ class KernelOptions:
         return not self.per_step.isdisjoint(("drives", "solver_drives"))
 
     def in_registers(self, tables: ModelTables) -> bool:
-        """Whether matrices are factored in registers, a row in each lane."""
-        return tables.limbs is None and self.lanes > 1 and tables.model.nv <= self.lanes and not self.double
+        """Whether matrices are factored in registers, with one or two rows in each lane."""
+        return tables.limbs is None and self.lanes > 1 and tables.model.nv <= 2 * self.lanes and not self.double
 
 
 @dataclass(frozen=True)
@@ -277,7 +277,7 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str
     folder = Path(stripe_kernels.__file__).parent / "fused"
     names = _SOURCES if tables.limbs is None else _LIMB_SOURCES
     sources = {name: (folder / name).read_text() for name in names}
-    exact = 1e-14 if options.double else 1e-6
+    exact, share = (1e-14, 1e-12) if options.double else (1e-6, 1e-2)
     head = [
         *(["#define FUSED_DOUBLE"] if options.double else []),
         f"#define LANES {options.lanes}",
@@ -300,6 +300,7 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str
         f"#define GIVEN_CONTACTS {int(options.given_contacts)}",
         *(f"#define {name.upper()} {int(name in options.per_step)}" for name in _PER_STEP),
         *(f"#define OVERFLOW_{name} {int(bit)}" for name, bit in _OVERFLOW.items()),
+        f"#define NOTHING ((real){share * options.tolerance!r})",
         f"#define LINE_TOLERANCE ((real){exact!r})",
     ]
     constants = tables.source(layout.rows, layout.contacts)

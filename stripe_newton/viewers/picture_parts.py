@@ -8,7 +8,6 @@ none. Where camera and light stand still, a pixel that no moving shape and none 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import newton
@@ -28,7 +27,9 @@ _NEAR = 1.0e-3
 _BLUR = 6.0
 """Texels of the shadow map by which the soft edge of a shadow, and what shields a surface from its own, may reach."""
 _SLICES = 8
-"""Slices of the prism in which the shadow of a box lies."""
+"""Slices of a box."""
+_MOST_SLICED = 500
+"""Boxes up to which it saves time to cut them into slices."""
 _BOXED = frozenset(
     int(kind)
     for kind in (
@@ -105,8 +106,7 @@ class PictureParts:
         self._scene, self._size, self._shadow_size = scene, size, shadow_size
         self.planes = np.array(_planes(scene), dtype=int)
         """The visible planes among the shapes."""
-        poses = scene.model.shape_transform.numpy()[self.planes]
-        self._lowest_plane = float(poses[:, 2].min(initial=np.inf))
+        self._heights = np.unique(scene.model.shape_transform.numpy()[self.planes, 2].astype(float))
         self._last: tuple[View, np.ndarray] | None = None
 
     @staticmethod
@@ -131,7 +131,7 @@ class PictureParts:
         Args:
             view: Its camera and shadow map.
         """
-        boxes, before = self._scene.corners(), self._last
+        boxes, before = _sliced(self._scene.corners()), self._last
         shown, is_same = self._tiles(view, boxes), before is not None and before[0].is_same(view)
         changed, cast = np.ones_like(shown), boxes
         if before is not None and is_same:
@@ -144,22 +144,33 @@ class PictureParts:
         return Part(pixels, traced, plain, self._texels(view, cast), is_same)
 
     def _changed(self, view: View, moved: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-        """Tiles that shapes which moved, or their shadows, reach or have left; by their boxes now and before."""
+        """Tiles that boxes which moved, or their shadows, reach or have left; by their corners now and before."""
         tiles = self._tiles(view, moved)
         if self._shadow_size and len(moved):
-            # A shadow lies somewhere in the prism from the box along the light, down to the lowest thing there is.
+            tiles |= self._tiles(view, boxes[self._may_be_shaded(view, moved, boxes)])
             around = _BLUR * 2.0 * view.half / self._shadow_size
-            grown = np.concatenate([moved.min(axis=1) - around, moved.max(axis=1) + around], axis=1)
-            top = _corners_of(grown)
-            heights = boxes[..., 2]
-            lowest = heights.min(initial=self._lowest_plane, where=np.isfinite(heights))
-            light = view.sun[:, 2]
-            down = np.maximum(top[..., 2] - lowest + around, 0.0) / light[2]
-            # Slice by slice: the rectangle around a whole prism, which leans, is much larger than the prism.
-            cuts = [top - share * down[..., None] * light for share in np.linspace(0.0, 1.0, _SLICES + 1)]
-            slices = [np.concatenate(pair, axis=1) for pair in pairwise(cuts)]
-            tiles |= self._tiles(view, np.concatenate(slices))
+            grown = _corners_of(np.concatenate([moved.min(axis=1) - around, moved.max(axis=1) + around], axis=1))
+            for height in self._heights:
+                down = np.maximum(grown[..., 2] - height, 0.0) / view.sun[2, 2]
+                fallen = grown - down[..., None] * view.sun[:, 2]
+                # Of a box that reaches through the plane, its own corners bound the shadow, too.
+                through = (grown[..., 2].min(axis=1) < height)[:, None, None]
+                tiles |= self._tiles(view, np.concatenate([fallen, np.where(through, grown, fallen)], axis=1))
         return tiles
+
+    def _may_be_shaded(self, view: View, moved: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+        """Whether each box shares texels of the shadow map with one that moved, with the blur around."""
+        low, high = self._texel_bounds(view, moved)
+        there = np.isfinite(low).all(axis=1)
+        size = self._shadow_size
+        shaded = _cover(low[there] - _BLUR, high[there] + _BLUR, size, size, _TILE)
+        sums = np.pad(shaded.astype(np.int32).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+        low, high = self._texel_bounds(view, boxes)
+        there = np.isfinite(low).all(axis=1)
+        first, last = _tile_bounds(low[there], high[there], size, size, _TILE)
+        (x0, y0), (x1, y1) = first.T, last.T
+        there[there] = sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0] > 0
+        return there
 
     def _tiles(self, view: View, corners: np.ndarray) -> np.ndarray:
         """Tiles that convex bodies with corners (n, m, 3) may cover, shape (rows, columns)."""
@@ -182,12 +193,17 @@ class PictureParts:
         size = self._shadow_size
         if not size:
             return np.zeros(0, dtype=np.int32)
-        local = (boxes[np.isfinite(boxes).all(axis=(1, 2))] - view.center) @ view.sun
-        column = (local[..., 0] / view.half * 0.5 + 0.5) * size
-        row = (0.5 - local[..., 1] / view.half * 0.5) * size
-        low = np.stack([column.min(axis=1), row.min(axis=1)], axis=1) - 1.0
-        high = np.stack([column.max(axis=1), row.max(axis=1)], axis=1) + 1.0
-        return _pixels(_cover(low, high, size, size, _TILE), size, size)
+        low, high = self._texel_bounds(view, boxes)
+        there = np.isfinite(low).all(axis=1)
+        return _pixels(_cover(low[there] - 1.0, high[there] + 1.0, size, size, _TILE), size, size)
+
+    def _texel_bounds(self, view: View, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of the rectangles around boxes in the shadow map [texels], each (n, 2); not finite for some."""
+        local = (boxes - view.center) @ view.sun
+        column = (local[..., 0] / view.half * 0.5 + 0.5) * self._shadow_size
+        row = (0.5 - local[..., 1] / view.half * 0.5) * self._shadow_size
+        at = np.stack([column, row], axis=-1)
+        return at.min(axis=1), at.max(axis=1)
 
 
 def _planes(scene: DisplayModel) -> list[int]:
@@ -200,6 +216,29 @@ def _planes(scene: DisplayModel) -> list[int]:
     return [int(i) for i in np.flatnonzero(endless)]
 
 
+def _sliced(boxes: np.ndarray) -> np.ndarray:
+    """Boxes, corners (n, 8, 3), cut into slices along their longest edges.
+
+    The rectangle around a long box that lies across the picture is much larger than the box.
+    """
+    if len(boxes) > _MOST_SLICED:
+        return boxes
+    edges = np.linalg.norm(boxes[:, [1, 2, 4]] - boxes[:, :1], axis=2)  # not finite for boxes that stay so
+    axis = np.where(np.isfinite(edges), edges, 0.0).argmax(axis=1)
+    number = np.arange(8)
+    # The ends of the edge through each corner, of which bit k of its number is its side along axis k.
+    low, high = (np.take_along_axis(boxes, ends[..., None], axis=1) for ends in _ends(axis, number))
+    side = ((number >> axis[:, None]) & 1)[..., None]
+    shares = (side[None] + np.arange(_SLICES)[:, None, None, None]) / _SLICES
+    return (low + shares * (high - low)).reshape(-1, 8, 3)
+
+
+def _ends(axis: np.ndarray, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners at both ends of the edges along an axis (n,) through corners (m,), each of shape (n, m)."""
+    bit = 1 << axis[:, None]
+    return number & ~bit, number | bit
+
+
 def _corners_of(boxes: np.ndarray) -> np.ndarray:
     """Corners of boxes (n, 6), lower corner first, shape (n, 8, 3)."""
     pick = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)], dtype=bool)
@@ -208,12 +247,9 @@ def _corners_of(boxes: np.ndarray) -> np.ndarray:
 
 def _cover(low: np.ndarray, high: np.ndarray, width: int, height: int, tile: int) -> np.ndarray:
     """Tiles of a picture that rectangles touch, from corners (n, 2) [px], shape (rows, columns)."""
-    most = np.array([-(-width // tile), -(-height // tile)])
-    first = np.clip(np.floor(low / tile), 0, most).astype(int)
-    last = np.clip(np.floor(high / tile) + 1, 0, most).astype(int)
-    last = np.maximum(first, last)
+    first, last = _tile_bounds(low, high, width, height, tile)
+    count = np.zeros((-(-height // tile) + 1, -(-width // tile) + 1), dtype=np.int32)
     # Each rectangle adds at its corners, so that sums along rows and columns count the rectangles over a tile.
-    count = np.zeros((most[1] + 1, most[0] + 1), dtype=np.int32)
     for columns, rows, sign in (
         (first[:, 0], first[:, 1], 1),
         (last[:, 0], first[:, 1], -1),
@@ -222,6 +258,16 @@ def _cover(low: np.ndarray, high: np.ndarray, width: int, height: int, tile: int
     ):
         np.add.at(count, (rows, columns), sign)
     return count.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0
+
+
+def _tile_bounds(
+    low: np.ndarray, high: np.ndarray, width: int, height: int, tile: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """First tile that each rectangle touches and the one after its last, column and row, of shape (n, 2)."""
+    most = np.array([-(-width // tile), -(-height // tile)])
+    first = np.clip(np.floor(low / tile), 0, most).astype(int)
+    last = np.clip(np.floor(high / tile) + 1, 0, most).astype(int)
+    return first, np.maximum(first, last)
 
 
 def _pixels(tiles: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import queue
+import threading
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -17,6 +19,9 @@ if TYPE_CHECKING:
     from av.container import OutputContainer
 
 __all__ = ["VideoWriter", "save_image"]
+
+_MOST_WAITING = 8
+"""Frames that wait for the encoder at most, before the caller waits."""
 
 # libx264 is not in every build of FFmpeg, as it is under the GPL.
 _CODECS = ("libx264", "libopenh264", "h264_videotoolbox")
@@ -31,9 +36,9 @@ class VideoWriter:
             for _ in range(150):
                 video.add(renderer.render())
 
-    The first frame sets the size. H.264 needs even numbers: an odd width or height is made even by repeating the
-    last column or row. The file is written under a temporary name beside the final one and renamed at the end. If the
-    block is left by an exception, no file remains.
+    Frames are encoded by a thread, while the caller makes the next one. The first frame sets the size. H.264 needs even
+    numbers: an odd width or height is made even by repeating the last column or row. The file is written under a
+    temporary name beside the final one and renamed at the end. If the block is left by an exception, no file remains.
 
     Args:
         path: File to write. Its folder is created if necessary; a file of that name is replaced.
@@ -55,6 +60,9 @@ class VideoWriter:
         self._container: OutputContainer | None = None
         self._stream: VideoStream  # exists with the container
         self._shape: tuple[int, ...] = ()
+        self._waiting: queue.Queue[np.ndarray | None] = queue.Queue(_MOST_WAITING)
+        self._thread: threading.Thread | None = None
+        self._failed: Exception | None = None
         self._closed = False
         self.frame_count = 0
 
@@ -75,35 +83,64 @@ class VideoWriter:
         Raises:
             ValueError: Another type or shape.
             RuntimeError: The video is closed, or no H.264 encoder is installed.
+            OSError: The file could not be written, with this frame or one before.
         """
-        import av  # here and not at the top: saving an image needs no encoder
-
         if self._closed:
             raise RuntimeError(f"VideoWriter: '{self.path}' is closed; no frame can be added")
         frame = _checked(frame)
-        container = self._container or self._open(frame.shape)
+        if self._container is None:
+            self._open(frame.shape)
         if frame.shape != self._shape:
             raise ValueError(f"VideoWriter: frame has shape {frame.shape}, the first one had {self._shape}")
-        height, width = frame.shape[:2]
-        if height % 2 or width % 2:
-            frame = np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
-        picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24")
-        picture.pts = self.frame_count
-        container.mux(self._stream.encode(picture))
+        if self._failed is not None:
+            raise self._failed
+        self._waiting.put(frame.copy())  # the caller may draw the next one into the same array
         self.frame_count += 1
+
+    def _encode(self, container: OutputContainer) -> None:
+        """Encode frames until there is a None among them: the thread. After an error it only empties the queue."""
+        import av  # here and not at the top: saving an image needs no encoder
+
+        count = 0
+        while (frame := self._waiting.get()) is not None:
+            if self._failed is not None:
+                continue
+            height, width = frame.shape[:2]
+            if height % 2 or width % 2:
+                frame = np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+            try:
+                picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24")
+                picture.pts = count
+                container.mux(self._stream.encode(picture))
+            except Exception as error:  # raised where the caller is, at the next frame or at the end
+                self._failed = error
+            count += 1
+
+    def _end_thread(self) -> None:
+        """Wait until all frames are encoded."""
+        if self._thread is not None:
+            self._waiting.put(None)
+            self._thread.join()
+            self._thread = None
 
     def close(self) -> None:
         """Finish the file and give it its final name. A second call does nothing.
 
         Raises:
             ValueError: No frame was added.
+            OSError: The file could not be written.
         """
         if self._closed:
             return
         self._closed = True
         if self._container is None:
             raise ValueError(f"VideoWriter: '{self.path}' was closed without a frame; add at least one")
+        self._end_thread()
         try:
+            if self._failed is not None:
+                with contextlib.suppress(OSError):
+                    self._container.close()
+                raise self._failed
             self._container.mux(self._stream.encode(None))  # None: flush the encoder
             self._container.close()
             os.replace(self._partial, self.path)
@@ -114,15 +151,16 @@ class VideoWriter:
     def discard(self) -> None:
         """Discard what was written; no file remains."""
         self._closed = True
+        self._end_thread()
         if self._container is not None:
             with contextlib.suppress(OSError):  # the disk may be full, which is why it is discarded
                 self._container.close()
             with contextlib.suppress(OSError):
                 self._partial.unlink(missing_ok=True)
 
-    def _open(self, shape: tuple[int, ...]) -> OutputContainer:
-        """Open the file and start the stream, for frames of the given shape."""
-        import av  # see add()
+    def _open(self, shape: tuple[int, ...]) -> None:
+        """Open the file and start the stream and the thread, for frames of the given shape."""
+        import av  # see _encode()
 
         self.path.parent.mkdir(parents=True, exist_ok=True)
         codec = next((c for c in _CODECS if c in av.codecs_available), None)
@@ -137,7 +175,9 @@ class VideoWriter:
         self._stream = container.add_stream(codec, rate=self._fps, options=options)
         self._stream.height, self._stream.width = shape[0] + shape[0] % 2, shape[1] + shape[1] % 2
         self._stream.pix_fmt = "yuv420p"
-        return container
+        # A daemon: a program that ends without closing the video does not wait for it.
+        self._thread = threading.Thread(target=self._encode, args=(container,), name="video", daemon=True)
+        self._thread.start()
 
 
 def save_image(path: str | os.PathLike[str], frame: np.ndarray) -> None:

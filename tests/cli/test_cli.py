@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import os
 import subprocess
@@ -40,6 +41,11 @@ def test_list_and_help_import_no_torch():
         "assert not {'torch', 'warp', 'newton', 'matplotlib'} & set(sys.modules), 'heavy import'"
     )
     subprocess.run([sys.executable, "-c", code], check=True, env=os.environ | {"PYTHONPATH": PYTHONPATH})
+
+
+def test_version_is_that_of_the_package(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"stripe-newton {importlib.metadata.version('stripe-newton')}\n"
 
 
 def test_help_shows_fields_of_the_task(capsys):

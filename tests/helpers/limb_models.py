@@ -58,6 +58,13 @@ WALKERS = {
         + ARM.format(n="r", y=-0.15) + LEG.format(n="l", x=0.2, y=0, loss="") + LEG.format(n="r", x=-0.2, y=0, loss="")
         + "</body>"
     ),
+    # 36 degrees of freedom, more than the lanes of a warp.
+    "many legs": (
+        f"<body pos='0 0 .45'><freejoint/>{TRUNK}"
+        + "".join(LEG.format(n=f"{'lr'[i % 2]}{i // 2 or ''}", x=i // 2 * 0.12 - 0.2, y=0.1 - 0.2 * (i % 2), loss="")
+                  for i in range(10))
+        + ARM.format(n="r", y=-0.15) + "</body>"
+    ),
     # Limbs of what does not move.
     "hanging": (
         f"<body pos='0 0 .4' euler='.17 0 0'>{TRUNK}" + ARM.format(n="r", y=-0.15)

@@ -7,6 +7,7 @@ and the hands need MENAGERIE_ROOT.
 
 from __future__ import annotations
 
+import copy
 import functools
 import importlib
 import re
@@ -163,6 +164,25 @@ def check(name: str, count: int, double: bool, steps: int = 1, limbs: bool = Fal
 @pytest.mark.parametrize("double", [True, False], ids=["double", "single"])
 def test_a_step_is_that_of_mujoco(name, double):
     check(name, 200, double)
+
+
+@pytest.mark.parametrize("double", [True, False], ids=["double", "single"])
+def test_elliptic_cones_with_torsion_and_rolling(double):
+    """Feet as mjlab's Go1 has them, standing, sliding and in the air."""
+    robot = load("go1")
+    model = copy.copy(robot.model)
+    model.opt.cone, model.opt.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0
+    feet = model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE
+    model.geom_condim[feet], model.geom_priority[feet] = 6, 1
+    model.geom_friction[feet] = 1.0, 0.02, 0.005
+    model.geom_solref[feet] = 0.01, 1.0
+    states = [state for motion in Robot(model, robot.home).record(200).values() for state in motion]
+    found = compare(model, double=double, states=states)
+    assert found.rows.max() >= 24
+    assert np.mean(found.rows != found.expected_rows) <= (0.0 if double else 0.01)
+    assert np.median(found.error) < (1e-12 if double else 1e-6)
+    assert np.quantile(found.error, 0.99) < (1e-8 if double else 1e-4)
+    assert np.median(found.force_error) < (1e-12 if double else 1e-4)
 
 
 @pytest.mark.slow

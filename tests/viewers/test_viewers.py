@@ -393,6 +393,39 @@ def test_an_interrupted_video_leaves_nothing_and_bad_frames_are_refused(tmp_path
         VideoWriter(tmp_path / "e.avi", fps=30)
 
 
+@pytest.mark.parametrize("ends", [True, False], ids=["at the end", "at a frame"])
+def test_a_video_that_cannot_be_written_says_so_and_leaves_nothing(tmp_path, ends):
+    """The thread that encodes meets the error, the caller gets it."""
+
+    class FullDisk:
+        def encode(self, picture):
+            raise OSError(28, "No space left on device")
+
+    def write():
+        frame = np.zeros((32, 32, 3), dtype=np.uint8)
+        with VideoWriter(tmp_path / "a.mp4", fps=30) as video:
+            video.add(frame)
+            video._stream = FullDisk()
+            for _ in range(1 if ends else 1000):
+                video.add(frame)
+
+    with pytest.raises(OSError, match="No space left"):
+        write()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_array_that_is_drawn_into_again_is_another_frame(tmp_path):
+    av = pytest.importorskip("av")
+    frame = np.zeros((32, 32, 3), dtype=np.uint8)
+    with VideoWriter(tmp_path / "a.mp4", fps=30) as video:
+        for i in range(8):
+            frame[:] = 30 * i
+            video.add(frame)
+    with av.open(str(tmp_path / "a.mp4")) as container:
+        means = [f.to_ndarray(format="rgb24").mean() for f in container.decode(video=0)]
+    np.testing.assert_allclose(means, [30 * i for i in range(8)], atol=6)
+
+
 def test_an_image_reads_back(tmp_path):
     image = pytest.importorskip("PIL.Image")
     frame = np.arange(20 * 30 * 3, dtype=np.uint32).astype(np.uint8).reshape(20, 30, 3)

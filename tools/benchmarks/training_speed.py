@@ -46,13 +46,14 @@ Entry = dict[str, Any]
 def measure(case: str, args: argparse.Namespace) -> Entry:
     """Train for some iterations and measure them and their parts."""
     import stripe_tasks  # noqa: F401  (registers the tasks)
-    from stripe_newton.cli.device import set_seeds
+    from stripe_newton.cli.device import set_device, set_seeds
     from stripe_newton.cli.env_and_policy import build
     from stripe_newton.cli.run_configs import load_configs
     from stripe_newton.rl import read_metrics
 
     configs, options = load_configs(args.task, None), dict(CASES[case])
-    configs.env.sim.device, configs.env.scene.num_envs, configs.env.seed = args.device, args.num_envs, 1
+    configs.env.scene.num_envs, configs.env.seed = args.num_envs, 1
+    set_device(configs.env, args.device)  # and torch's threads, as a training has them
     agent = configs.agent
     os.environ["STRIPE_NEWTON_TRITON"] = str(int(options.pop("triton", False)))
     os.environ["STRIPE_NEWTON_STREAMS"] = str(int(options.pop("streams", False)))

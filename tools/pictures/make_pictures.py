@@ -202,11 +202,12 @@ def pack(path: Path) -> None:
     env.close()
 
 
-def snapshot(path: Path, name: str, steps: int = 12) -> None:
-    """One environment of a task by its own camera, a moment after it began."""
+def snapshot(path: Path, name: str, steps: int = 12, **camera: object) -> None:
+    """One environment of a task a moment after it began, by its own camera or another."""
     cfg = resolve_name(gymnasium.spec(name).kwargs["env_cfg_entry_point"])()
     cfg.scene.num_envs, cfg.sim.device, cfg.seed = 1, "cpu", 3
-    cfg.viewer.resolution, cfg.viewer.shadow_resolution = (480 * OVERSAMPLING, 360 * OVERSAMPLING), 2048
+    size = {"resolution": (480 * OVERSAMPLING, 360 * OVERSAMPLING), "shadow_resolution": 2048}
+    cfg.viewer = cfg.viewer.replace(**size, **camera)
     env = gymnasium.make_vec(name, cfg=cfg, render_mode="rgb_array")
     env.reset(seed=3)
     for _ in range(steps):
@@ -233,8 +234,8 @@ def main() -> None:
         fov=30.0,
     )
     snapshot(out / "reach.png", "Stripe-Reach-v0")
-    snapshot(out / "quadcopter.png", "Stripe-Quadcopter-Direct-v0")
-    snapshot(out / "push_ball.png", "Stripe-PushBall-Ant-v0")
+    snapshot(out / "quadcopter.png", "Stripe-Quadcopter-Direct-v0", fov=16.0)
+    snapshot(out / "push_ball.png", "Stripe-PushBall-Ant-v0", eye=(-2.2, -4.6, 2.2), lookat=(1.5, 0.3, 0.2), fov=36.0)
     task(out / "ant.png", "Stripe-Ant-Direct-v0", azimuth=-40.0)
     task(out / "humanoid.png", "Stripe-Humanoid-Direct-v0", azimuth=-35.0)
 

@@ -5,6 +5,8 @@
 typedef double real;
 #define SQRT sqrt
 #define RSQRT(x) (1 / sqrt(x))
+#define QUOTIENT(a, b) ((a) / (b))
+#define RECIPROCAL(x) (1 / (x))
 #define SINCOS(x, s, c) s = sin(x), c = cos(x)
 #define POW pow
 #define FABS fabs
@@ -14,9 +16,13 @@ typedef double real;
 typedef float real;
 #define SQRT sqrtf
 #ifdef __CUDA_ARCH__
+#define QUOTIENT __fdividef  // to 2 units in the last place
+#define RECIPROCAL reciprocal
 #define RSQRT rsqrtf
 #define SINCOS(x, s, c) sincosf(x, &s, &c)
 #else
+#define QUOTIENT(a, b) ((a) / (b))
+#define RECIPROCAL(x) (1 / (x))
 #define RSQRT(x) (1 / sqrtf(x))
 #define SINCOS(x, s, c) s = sinf(x), c = cosf(x)
 #endif
@@ -69,6 +75,15 @@ FN unsigned own_lanes() { return 0; }
 #define ANY(x) __any_sync(own_lanes(), x)
 // In which lanes something holds: a bit for each.
 #define BALLOT(holds) (__ballot_sync(own_lanes(), holds) >> (LANES == 32 ? 0 : threadIdx.x % 32 / LANES * LANES))
+// 1 / x to 1 unit in the last place, for x that are not tiny.
+FN float reciprocal(float x) {
+#ifdef __CUDACC__
+    asm("rcp.approx.ftz.f32 %0, %0;" : "+f"(x));
+    return x;
+#else
+    return 1 / x;
+#endif
+}
 // What another lane has, by its number in the world.
 FN real from_lane(real x, int lane) { return __shfl_sync(own_lanes(), x, lane, LANES); }
 // Sum of `mine` over the lanes before this one, and over all lanes.

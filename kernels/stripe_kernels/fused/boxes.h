@@ -118,6 +118,12 @@ FN bool second_point(const Nearest& n, Vec h, Vec s, real& t) {
 }
 
 // At most two contacts: of the capsule's spheres at the nearest point of its axis and where the axis leaves the box.
+// Whether a rectangle of half sizes (sx, sy) is farther than `reach` from the line through (x, y) along (hx, hy).
+FN bool across_edge(real x, real y, real hx, real hy, real sx, real sy, real reach) {
+    const real gap = FABS(x * hy - y * hx) - FABS(hy) * sx - FABS(hx) * sy, length = SQRT(hx * hx + hy * hy);
+    return gap > (real)1.0001 * reach * length;
+}
+
 FN void capsule_box(Hits& hits, real margin, const Geom& capsule, const Geom& box) {
     Mat axes = transposed(box.axes);
     Vec half = capsule.size.y * column(capsule.axes, 2), s = box.size;
@@ -127,6 +133,10 @@ FN void capsule_box(Hits& hits, real margin, const Geom& capsule, const Geom& bo
     apart = Vec{larger(0, apart.x), larger(0, apart.y), larger(0, apart.z)};
     real reach = capsule.size.x + margin;
     if (!(dot(apart, apart) < reach * reach)) return;  // also if it is not a number
+    // Of the others most are apart across the capsule's axis and an edge.
+    if (across_edge(p.y, p.z, h.y, h.z, s.y, s.z, reach) || across_edge(p.z, p.x, h.z, h.x, s.z, s.x, reach) ||
+        across_edge(p.x, p.y, h.x, h.y, s.x, s.y, reach))
+        return;
     Nearest n = nearest_feature(p, h, s);
     if (n.feature == NONE) return;
     real second;

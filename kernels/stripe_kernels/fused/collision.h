@@ -3,10 +3,21 @@
 
 namespace fused {
 
+// Radius of the ball around a geom, with some room for rounding.
+FN real radius_of(int shape, Vec size) {
+    real radius = 0;
+    if (shape == BALL_SHAPE) radius = size.x;
+    if (shape == CAPSULE_SHAPE) radius = size.x + size.y;
+    if (shape == CYLINDER_SHAPE) radius = SQRT(size.x * size.x + size.y * size.y);
+    if (shape == BOX_SHAPE) radius = SQRT(dot(size, size));
+    return (real)1.0001 * radius;
+}
+
 FN void place_geoms(World& w, const Parameters& P, int lane) {
     EACH(i, NGEOMS) {
         Geom o = geom_of(w, P, used_geom(i));
         store(w.geoms + 12 * i, o.pos), store_matrix(w.geoms + 12 * i + 3, o.axes);
+        store(w.balls + 4 * i, o.pos), w.balls[4 * i + 3] = radius_of(geom_shape(i), o.size) + P.geom_margin()[used_geom(i)];
     }
     SYNC();
 }
@@ -37,24 +48,66 @@ FN void place_contact(World& w, int c, int p, const Hit& hit, int geom = -1) {
     if (c < MAX_CONTACTS) set_hit(contact(w, c), p, hit, geom);
 }
 
-// Contacts of primitives, in the order of the pairs. Returns their number.
+// Contacts of a pair of primitives in each lane, -1 for none, behind the first `count` ones. Returns the number of all.
+FN int collide_pairs(World& w, const Parameters& P, int p, int count, int lane) {
+    Hits hits;
+    hits.count = 0;
+    if (p >= 0 && has_both(P, p)) {
+        PairGeoms g = geoms_of(w, P, p);
+        primitive_hits(hits, p, margin_of(P, p), g.a, g.b);
+    }
+    int before = 0, all = hits.count;
+    BEFORE(hits.count, before, all);
+    ROLLED for (int i = 0; i < hits.count; i++) place_contact(w, count + before + i, p, hits.hit[i]);
+    return count + all;
+}
+
+#if GEOMS_PLACED
+// Whether the balls around two geoms touch, or that around the second one a plane. `near_test` has of each pair the places of
+// its geoms among those that are used, in 12 bits each, and how they are compared.
+FN bool may_touch(const World& w, int p) {
+    const int test = near_test(p), a = test & 4095, b = test >> 12 & 4095;
+    if (test & ALWAYS_NEAR) return true;
+    const Four first = ((const Four*)w.balls)[a], second = ((const Four*)w.balls)[b];
+    Vec d{second.x[0] - first.x[0], second.x[1] - first.x[1], second.x[2] - first.x[2]};
+    const real reach = first.x[3] + second.x[3];
+    if (test & IN_TREES) d = d + (origin_of(w, geom_body(contact_geom2(p))) - origin_of(w, geom_body(contact_geom1(p))));
+    if (test & ON_PLANE) return dot(column(load_matrix(w.geoms + 12 * a + 3), 2), d) < reach;
+    return reach > 0 && dot(d, d) < reach * reach;
+}
+
+// Contacts of primitives, in the order of the pairs. Returns their number. Most pairs are apart: those that may touch are
+// listed, and looked at by as many lanes.
 FN int collide_primitives(World& w, const Parameters& P, int lane) {
-    int count = 0;
-    for (int first = 0; first < FIRST_HULL_PAIR; first += LANES) {
-        int p = first + lane;
-        Hits hits;
-        hits.count = 0;
-        if (p < FIRST_HULL_PAIR && has_both(P, p)) {
-            PairGeoms g = geoms_of(w, P, p);
-            primitive_hits(hits, p, margin_of(P, p), g.a, g.b);
+    int count = 0, listed = 0;
+    ROLLED for (int first = 0; first < FIRST_HULL_PAIR; first += LANES) {
+        const int p = first + lane;
+        const bool near = p < FIRST_HULL_PAIR && may_touch(w, p);
+        int before, all;
+        RANK(near, before, all);
+        if (near) w.near_pairs[listed + before] = (unsigned short)p;
+        listed += all;
+        const bool is_last = first + LANES >= FIRST_HULL_PAIR;
+        SYNC();
+        ROLLED while (listed >= LANES || (is_last && listed > 0)) {
+            count = collide_pairs(w, P, lane < listed ? w.near_pairs[lane] : -1, count, lane);
+            const unsigned short next = w.near_pairs[LANES + lane];
+            SYNC();
+            w.near_pairs[lane] = next, listed -= LANES;
+            SYNC();
         }
-        int before = 0, all = hits.count;
-        BEFORE(hits.count, before, all);
-        ROLLED for (int i = 0; i < hits.count; i++) place_contact(w, count + before + i, p, hits.hit[i]);
-        count += all;
     }
     return count;
 }
+#else
+// Contacts of primitives, in the order of the pairs. Returns their number.
+FN int collide_primitives(World& w, const Parameters& P, int lane) {
+    int count = 0;
+    for (int first = 0; first < FIRST_HULL_PAIR; first += LANES)
+        count = collide_pairs(w, P, first + lane < FIRST_HULL_PAIR ? first + lane : -1, count, lane);
+    return count;
+}
+#endif
 
 #if HAS_HULLS
 // The first geom of a pair of hulls, in the axes of the second one; of a ball the box around it and its margin.

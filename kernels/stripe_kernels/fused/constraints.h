@@ -170,12 +170,12 @@ FN void contact_rows(World& w, int count, int lane) {
         Spatial m1 = point_motion(w, b1, k, at, origin), m2 = point_motion(w, b2, k, at, origin);
         Vec u = m2.l - m1.l, turning = m2.a - m1.a;
         real normal = dot(n, u);
-        if (dim == 1 || ELLIPTIC_CONES) row_of<FITS>(w, r)[k] = normal;
+        if (dim == 1 || ELLIPTIC_CONES) row_of<FITS>(w, r)[k] = dim == 1 ? normal : C[C_MU] * normal;
 #pragma unroll
         for (int i = 1; i < 6; i++) {
             if (i >= dim) break;
             real along = i < 3 ? dot(frame[i], u) : dot(frame[i - 3], turning);
-            if (ELLIPTIC_CONES) row_of<FITS>(w, r + i)[k] = along;
+            if (ELLIPTIC_CONES) row_of<FITS>(w, r + i)[k] = friction[i - 1] * along;
             else {
                 row_of<FITS>(w, r + 2 * i - 2)[k] = normal + friction[i - 1] * along;
                 row_of<FITS>(w, r + 2 * i - 1)[k] = normal - friction[i - 1] * along;
@@ -186,18 +186,14 @@ FN void contact_rows(World& w, int count, int lane) {
         const real *C = contact_of<FITS>(w, c), *friction = C + C_FRICTION;
         int dim = (int)C[C_DIM], r = (int)C[C_ROW], size = rows_of(C);
         real R = C[C_R], mu = C[C_MU];
+        if (ELLIPTIC_CONES) contact_of<FITS>(w, c)[C_CONE] = 0;
         if (dim == 1) set_row(row_of<FITS>(w, r), INEQUALITY, 1 / R, C[C_DAMPING], C[C_STIFFNESS], 0);
         else if (!ELLIPTIC_CONES)
             ROLLED for (int i = 0; i < size; i++)
                 set_row(row_of<FITS>(w, r + i), INEQUALITY, 1 / (2 * mu * mu * R), C[C_DAMPING], C[C_STIFFNESS], 0);
-        else {
-            set_row(row_of<FITS>(w, r), ELLIPTIC, 1 / R, C[C_DAMPING], C[C_STIFFNESS], 0);
-            ROLLED for (int i = 1; i < dim; i++) {
-                real f = friction[i - 1];
-                real own = R / larger((real)1e-15, IMPRATIO) * friction[0] * friction[0] / (f * f);
-                set_row(row_of<FITS>(w, r + i), ELLIPTIC, 1 / own, C[C_DAMPING + 1], 0, 0);
-            }
-        }
+        else  // scaled, see cones.h
+            ROLLED for (int i = 0; i < dim; i++)
+                set_row(row_of<FITS>(w, r + i), ELLIPTIC, 1 / (mu * mu * R), C[C_DAMPING + (i > 0)], i ? 0 : mu * C[C_STIFFNESS], c);
     }
     SYNC();
 }

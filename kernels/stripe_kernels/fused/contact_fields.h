@@ -22,10 +22,9 @@ enum ContactField {
     C_R = 23,         // R of the normal row
     C_MU = 24,        // friction of the regularised cone
     C_GEOM = 25,      // of the meshes of its pair, -1 for the pair's own
-    C_CONE = HAS_MESHES ? 26 : 25,  // two weights, then two rows: see `update_rows`
-    CONTACT_SIZE = ELLIPTIC_CONES ? C_CONE + 3 + 2 * NFOURS * 4 : C_CONE,
+    C_CONE = HAS_MESHES ? 26 : 25,  // see cones.h
+    CONTACT_SIZE = ELLIPTIC_CONES ? C_CONE + 3 : C_CONE,
 };
-FN int cone_row(int k) { return C_CONE + 3 + k * 4 * NFOURS; }
 
 // A contact that the caller found: GIVEN_SIZE numbers.
 enum GivenField {

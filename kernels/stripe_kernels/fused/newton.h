@@ -8,147 +8,77 @@
 
 namespace fused {
 
-// Where an elliptic contact is, and what its rows need: N = mu e_0 and U_i = friction_i e_i.
-struct Cone {
-    real mu, N, T, scale;  // scale is D_0 / (mu^2 (1 + mu^2))
-    int zone;              // 0: no force, 1: all rows quadratic, 2: on the surface of the cone
-};
-FN bool is_cone(const real* C) { return ELLIPTIC_CONES && C[C_DIM] > 1; }
-// The friction coefficient of row i, or of the normal row mu.
-FN real friction_of(const real* C, int i) { return i ? C[C_FRICTION + i - 1] : C[C_MU]; }
-template <bool FITS>
-FN Cone cone_at(const World& w, const real* C, real step) {
-    const real* first = row_of<FITS>(w, (int)C[C_ROW]);
-    Cone o;
-    real tt = 0;
-    ROLLED for (int i = 1; i < (int)C[C_DIM]; i++) {
-        const real* along = row_of<FITS>(w, (int)C[C_ROW] + i);
-        real u = friction_of(C, i) * (along[R_E] + step * along[R_JS]);
-        tt += u * u;
-    }
-    o.mu = C[C_MU], o.N = o.mu * (first[R_E] + step * first[R_JS]), o.T = SQRT(tt);
-    o.scale = first[R_D] / (o.mu * o.mu * (1 + o.mu * o.mu));
-    if (o.N >= o.mu * o.T) o.zone = 0;
-    else o.zone = o.mu * o.N + o.T <= 0 ? 1 : 2;
-    return o;
-}
+// The slope at the end of a line search beside that at its start.
+#define LINE_SLOPE ((real)0.05)
 
-// Forces of all rows at the present e, and their weights in the Hessian. Rows of a cone's surface have the weights of
-//     scale (P P' + k (I - Q Q')),  P = (1, -mu U/T),  Q = U/T,  k = mu (mu - N/T)
-// where I, P and Q are in coordinates scaled by mu and the frictions; P and Q are rows of their own in the contact.
+// Forces of all rows at the present e, and their weights in the Hessian.
 template <bool FITS>
-FN void update_rows(World& w, int rows, int contacts, int lane) {
+FN void update_rows(World& w, int rows, int lane) {
     EACH(i, rows) {
         real* o = row_of<FITS>(w, i);
+#if ELLIPTIC_CONES
+        if (o[R_KIND] == ELLIPTIC) {
+            update_cone_row<FITS>(w, o, i);
+            continue;
+        }
+#endif
         real e = o[R_E], D = o[R_D], outside = 0;
         bool active = e < 0 || o[R_KIND] == EQUALITY;
         if (o[R_KIND] == FRICTION_LOSS) active = D * FABS(e) < o[R_LOSS], outside = e < 0 ? o[R_LOSS] : -o[R_LOSS];
         o[R_F] = active ? -D * e : outside, o[R_WEIGHT] = active ? D : 0;
     }
     SYNC();
-    if (!ELLIPTIC_CONES) return;
-    EACH(c, contacts) {
-        real* C = contact_of<FITS>(w, c);
-        if (!is_cone(C)) continue;
-        Cone cone = cone_at<FITS>(w, C, 0);
-        C[C_CONE] = C[C_CONE + 1] = 0;
-        ROLLED for (int i = 0; i < (int)C[C_DIM]; i++) {
-            real *o = row_of<FITS>(w, (int)C[C_ROW] + i), s = friction_of(C, i);
-            if (cone.zone == 0) o[R_F] = 0, o[R_WEIGHT] = 0;
-            else if (cone.zone == 1) o[R_F] = -o[R_D] * o[R_E], o[R_WEIGHT] = o[R_D];
-            else {
-                real push = -cone.scale * (cone.N - cone.mu * cone.T) * cone.mu, k = cone.mu * (cone.mu - cone.N / cone.T);
-                o[R_F] = i ? -push / cone.T * s * s * o[R_E] : push;
-                o[R_WEIGHT] = i ? cone.scale * k * s * s : 0;
-                C[C_CONE] = cone.scale, C[C_CONE + 1] = -cone.scale * k;
-            }
-        }
-    }
-    SYNC();
-    for (int c = 0; c < contacts; c++) {
-        real* C = contact_of<FITS>(w, c);
-        if (!is_cone(C) || C[C_CONE] == 0) continue;
-        Cone cone = cone_at<FITS>(w, C, 0);
-        EACH(k, NV) {
-            real q = 0;
-            ROLLED for (int i = 1; i < (int)C[C_DIM]; i++) {
-                const real *o = row_of<FITS>(w, (int)C[C_ROW] + i), s = friction_of(C, i);
-                q += s * s * o[R_E] / cone.T * o[k];
-            }
-            C[cone_row(0) + k] = cone.mu * row_of<FITS>(w, (int)C[C_ROW])[k] - cone.mu * q;
-            C[cone_row(1) + k] = q;
-        }
-    }
-    SYNC();
 }
 
 // Solve A w.s = sign b, with b the field `right` and A = M + the sum of weight J' J of the rows.
 #if IN_REGISTERS
-// A += weight J' J in the row of A that a lane has.
-FN void add_product(real* r, const real* J, int own, real weight) {
-    const Four* fours = (const Four*)J;
-    real D = weight * J[own];
-#pragma unroll
-    for (int g = 0; g < NFOURS; g++) {
-        Four four = fours[g];
-#pragma unroll
-        for (int k = 0; k < 4; k++)
-            if (4 * g + k < NV) r[4 * g + k] += D * four.x[k];
-    }
-}
+enum { ROWS_OF_LANE = (NV + LANES - 1) / LANES };  // of the matrix, in the registers of a lane
 
-// A = L D L'. Lane i has row i of A in registers, of which what is left of the diagonal counts. Columns of L D are kept above
-// the diagonal of M, and the lanes read them as fours.
+// A = L D L'. Lane i has row i of A in registers, and row i + LANES where there are so many, of which the part up to the diagonal
+// counts. Columns of L are kept above the diagonal of M, and the lanes read them as fours. What a lane has beyond the turn of its
+// row is of no use, and is not masked.
 template <bool FITS>
 ONE_COPY void solve(World& of, int rows, int contacts, real (World::*right)[NV], real sign, int lane) {
     World& w = in_place(of);
-    const int own = lane < NV ? lane : 0;
-    const Four* fours = (const Four*)(w.M + own * LD);
-    real r[4 * NFOURS], y = sign * (w.*right)[own], inverse = 0;
-#pragma unroll
-    for (int g = 0; g < NFOURS; g++) {
-        Four four = fours[g];
-#pragma unroll
-        for (int k = 0; k < 4; k++) r[4 * g + k] = four.x[k];
+    assemble<FITS>(w, rows, contacts, lane);
+    int own[ROWS_OF_LANE], turn[ROWS_OF_LANE];
+    real r[ROWS_OF_LANE][4 * NFOURS], diagonal[ROWS_OF_LANE], y[ROWS_OF_LANE];
+    UNROLLED for (int q = 0; q < ROWS_OF_LANE; q++) {
+        const int i = lane + q * LANES;
+        own[q] = i < NV ? i : 0, turn[q] = i < NV ? i : -1;
+        diagonal[q] = w.s[own[q]], y[q] = sign * (w.*right)[own[q]];
+        UNROLLED for (int j = 0; j < NV; j++) r[q][j] = w.M[j * LD + own[q]];
     }
-#pragma unroll 1
-    for (int k = 0; k < rows; k++) {
-        const real* J = row_of<FITS>(w, k);
-        real weight = J[R_WEIGHT];
-        if (weight != 0) add_product(r, J, own, weight);
-    }
-    if (ELLIPTIC_CONES)
-        for (int k = 0; k < 2 * contacts; k++) {
-            const real* C = contact_of<FITS>(w, k / 2);
-            if (is_cone(C) && C[C_CONE + k % 2] != 0) add_product(r, C + cone_row(k % 2), own, C[C_CONE + k % 2]);
+    UNROLLED for (int j = 0; j < NV; j++) {
+        const int at = j / LANES, from = j % LANES;  // which row of which lane has its turn; those before are done
+        const real scale = RECIPROCAL(larger(from_lane(diagonal[at], from), (real)1e-30)), yj = from_lane(y[at], from);
+        UNROLLED for (int q = at; q < ROWS_OF_LANE; q++) {
+            const real l = r[q][j] * scale;
+            if (turn[q] > j) w.M[j * LD + turn[q]] = l;
+            y[q] -= l * yj, diagonal[q] -= l * r[q][j];
         }
-#pragma unroll
-    for (int j = 0; j < NV; j++) {
-        bool below = lane > j && lane < NV;
-        if (below) w.M[j * LD + lane] = r[j];
-        real scale = __fdividef(1, larger(from_lane(r[j], j), (real)1e-30)), l = below ? r[j] * scale : 0;
-        if (lane == j) inverse = scale;
-        y -= l * from_lane(y, j);
+        w.s[j] = scale * yj;  // all lanes write the same
         SYNC();
-#pragma unroll
-        for (int g = (j + 1) / 4; g < NFOURS; g++) {
+        UNROLLED for (int g = (j + 1) / 4; g < NFOURS; g++) {
             Four four = ((const Four*)(w.M + j * LD))[g];
-#pragma unroll
-            for (int k = 0; k < 4; k++)
-                if (4 * g + k > j && 4 * g + k < NV) r[4 * g + k] -= l * four.x[k];
+            UNROLLED for (int q = at; q < ROWS_OF_LANE; q++)
+                UNROLLED for (int k = 0; k < 4; k++)
+                    if (4 * g + k > j && 4 * g + k < NV) r[q][4 * g + k] -= r[q][j] * four.x[k];
         }
     }
-    // x = D^-1 y - L' x, with a row of L' in a lane.
-    y *= inverse;
-#pragma unroll
-    for (int g = 0; g < NFOURS; g++) {
-        Four four = fours[g];
-#pragma unroll
-        for (int k = 0; k < 4; k++) r[4 * g + k] = lane < 4 * g + k ? four.x[k] * inverse : 0;
+    // x = D^-1 y - (L' - 1) x, with rows of L' in a lane.
+    UNROLLED for (int q = 0; q < ROWS_OF_LANE; q++) {
+        y[q] = w.s[own[q]];
+        UNROLLED for (int g = 0; g < NFOURS; g++) {
+            Four four = ((const Four*)(w.M + own[q] * LD))[g];
+            UNROLLED for (int k = 0; k < 4; k++) r[q][4 * g + k] = four.x[k];
+        }
     }
-#pragma unroll
-    for (int j = NV - 1; j > 0; j--) y -= r[j] * from_lane(y, j);
-    if (lane < NV) w.s[lane] = y;
+    UNROLLED for (int j = NV - 1; j >= 0; j--) {
+        const real x = from_lane(y[j / LANES], j % LANES);
+        w.s[j] = x;
+        UNROLLED for (int q = 0; q <= j / LANES; q++) y[q] -= r[q][j] * x;
+    }
     SYNC();
 }
 #else
@@ -160,6 +90,27 @@ FN void add_weighted(World& w, const real* J, real D, int lane) {
     }
 }
 
+#if ELLIPTIC_CONES
+// Add the Hessian of the contacts on the surfaces of their cones.
+template <bool FITS>
+FN void add_surfaces(World& w, int contacts, int lane) {
+    for (int c = 0; c < contacts; c++) {
+        const real* C = contact_of<FITS>(w, c);
+        if (C[C_CONE] == 0) continue;
+        const int first = (int)C[C_ROW], dim = (int)C[C_DIM];
+        EACH(i, NV) {
+            real q = 0;
+            for (int k = 1; k < dim; k++) q += row_of<FITS>(w, first + k)[R_JS] * row_of<FITS>(w, first + k)[i];
+            const real p = C[C_CONE] * (row_of<FITS>(w, first)[i] - C[C_MU] * q), turned = C[C_MU] * p + C[C_CONE + 1] * q;
+            for (int k = 0; k < dim; k++) {
+                const real *o = row_of<FITS>(w, first + k), Di = k ? C[C_CONE + 1] * o[i] - o[R_JS] * turned : p;
+                for (int j = 0; j <= i; j++) w.H[i * LD + j] += Di * o[j];
+            }
+        }
+    }
+}
+#endif
+
 // By Cholesky's factorisation.
 template <bool FITS>
 FN void solve(World& w, int rows, int contacts, real (World::*right)[NV], real sign, int lane) {
@@ -168,12 +119,9 @@ FN void solve(World& w, int rows, int contacts, real (World::*right)[NV], real s
     for (int i = 0; i < NV; i++) EACH(j, i + 1) w.H[i * LD + j] = w.M[i * LD + j];
     SYNC();
     for (int k = 0; k < rows; k++) add_weighted(w, row_of<FITS>(w, k), row_of<FITS>(w, k)[R_WEIGHT], lane);
-    if (ELLIPTIC_CONES)
-        for (int c = 0; c < contacts; c++) {
-            const real* C = contact_of<FITS>(w, c);
-            if (!is_cone(C)) continue;
-            for (int k = 0; k < 2; k++) add_weighted(w, C + cone_row(k), C[C_CONE + k], lane);
-        }
+#if ELLIPTIC_CONES
+    add_surfaces<FITS>(w, contacts, lane);
+#endif
     SYNC();
     // Column by column: each lane computes its rows of the column from the columns before.
     for (int j = 0; j < NV; j++) {
@@ -205,82 +153,48 @@ FN void solve(World& w, int rows, int contacts, real (World::*right)[NV], real s
 }
 #endif
 
-// Value, slope and curvature of the cost along the search direction, less its value at the start.
+// Slope and curvature of the cost along the search direction.
 struct Line {
-    real value, slope, curvature;
+    real slope, curvature;
 };
 template <bool FITS>
 FN Line line_at(const World& w, int rows, int contacts, real step, real q1, real q2, int lane) {
-    real c0 = 0, c1 = 0, c2 = 0;
+    real slope = 0, curvature = 0;
     EACH(i, rows) {
         const real* o = row_of<FITS>(w, i);
-        real e = o[R_E], j = o[R_JS], x = e + step * j, D = o[R_D];
+        real j = o[R_JS], x = o[R_E] + step * j, D = o[R_D];
         if (ELLIPTIC_CONES && o[R_KIND] == ELLIPTIC) continue;
+        bool quadratic = x < 0 || o[R_KIND] == EQUALITY;
         if (o[R_KIND] == FRICTION_LOSS) {
-            real loss = o[R_LOSS];
-            if (D * FABS(x) < loss) c0 += (real)0.5 * D * x * x, c1 += D * x * j, c2 += D * j * j;
-            else c0 += loss * FABS(x) - (real)0.5 * loss * loss / D, c1 += x < 0 ? -loss * j : loss * j;
-            c0 -= D * FABS(e) < loss ? (real)0.5 * D * e * e : loss * FABS(e) - (real)0.5 * loss * loss / D;
-        } else {
-            bool always = o[R_KIND] == EQUALITY;
-            if (x < 0 || always) c0 += (real)0.5 * D * x * x, c1 += D * x * j, c2 += D * j * j;
-            if (e < 0 || always) c0 -= (real)0.5 * D * e * e;
+            quadratic = D * FABS(x) < o[R_LOSS];
+            if (!quadratic) slope += x < 0 ? -o[R_LOSS] * j : o[R_LOSS] * j;
         }
+        if (quadratic) slope += D * x * j, curvature += D * j * j;
     }
-    if (ELLIPTIC_CONES)
-        EACH(c, contacts) {
-            const real* C = contact_of<FITS>(w, c);
-            if (!is_cone(C)) continue;
-            int r = (int)C[C_ROW], dim = (int)C[C_DIM];
-            for (int at_start = 0; at_start < 2; at_start++) {
-                Cone cone = cone_at<FITS>(w, C, at_start ? 0 : step);
-                real sign = at_start ? -1 : 1, push = cone.N - cone.mu * cone.T;
-                if (cone.zone == 1)
-                    ROLLED for (int i = 0; i < dim; i++) {
-                        const real* o = row_of<FITS>(w, r + i);
-                        real j = o[R_JS], x = o[R_E] + (at_start ? 0 : step) * j, D = o[R_D];
-                        c0 += sign * (real)0.5 * D * x * x;
-                        if (!at_start) c1 += D * x * j, c2 += D * j * j;
-                    }
-                if (cone.zone == 2) {
-                    c0 += sign * (real)0.5 * cone.scale * push * push;
-                    if (at_start) continue;
-                    real uv = 0, vv = 0;
-                    ROLLED for (int i = 1; i < dim; i++) {
-                        const real* o = row_of<FITS>(w, r + i);
-                        real s = friction_of(C, i), v = s * o[R_JS];
-                        uv += s * (o[R_E] + step * o[R_JS]) * v, vv += v * v;
-                    }
-                    real T1 = uv / cone.T, T2 = (vv - T1 * T1) / cone.T, p1 = cone.mu * row_of<FITS>(w, r)[R_JS] - cone.mu * T1;
-                    c1 += cone.scale * push * p1, c2 += cone.scale * (p1 * p1 - push * cone.mu * T2);
-                }
-            }
-        }
-    Line line;
-    line.value = SUM(c0) + step * q1 + (real)0.5 * step * step * q2;
-    line.slope = SUM(c1) + q1 + step * q2;
-    line.curvature = SUM(c2) + q2;
-    return line;
+#if ELLIPTIC_CONES
+    add_cones<FITS>(w, contacts, step, slope, curvature, lane);
+#endif
+    return Line{SUM(slope) + q1 + step * q2, SUM(curvature) + q2};
 }
 
-// Step along the search direction to the least cost: Newton's method on the slope, kept within a bracket.
+// Step along the search direction from a slope of -`fall` to one of at most `accuracy`: Newton's method, within a bracket,
+// else the secant and the middle of the bracket in turn. The cost is convex, so that it is less where its slope is negative
+// than at the start.
 template <bool FITS>
-FN real line_search(const World& w, int rows, int contacts, real q1, real q2, real accuracy, real& gain, int lane) {
-    real low = 0, high = -1, step = 1, best = 0;
-    gain = 0;
+FN real line_search(const World& w, int rows, int contacts, real q1, real q2, real fall, real accuracy, int lane) {
+    real low = 0, high = -1, step = 1, below = -fall, above = 0;
     for (int i = 0; i < LINE_STEPS; i++) {
         Line line = line_at<FITS>(w, rows, contacts, step, q1, q2, lane);
-        if (-line.value > gain) gain = -line.value, best = step;
-        if (FABS(line.slope) <= accuracy) break;
-        if (line.slope < 0) low = step;
-        else high = step;
+        if (FABS(line.slope) <= accuracy) return step;
+        if (line.slope < 0) low = step, below = line.slope;
+        else high = step, above = line.slope;
         real next = step - line.slope / line.curvature;
         if (high < 0) next = next > low && line.curvature > 0 ? next : 2 * low;
-        else if (!(next > low && next < high)) next = (real)0.5 * (low + high);
+        else if (!(next > low && next < high)) next = low + (high - low) * (i % 2 ? (real)0.5 : below / (below - above));
         if (next == step) break;
         step = next;
     }
-    return best;
+    return low;
 }
 
 // M x into `product`.
@@ -303,36 +217,47 @@ FN int constrained_acceleration(World& w, int rows, int contacts, int lane) {
     multiply(w, w.a, w.Ma, lane);
     SYNC();
     int iterations = 0;
+    // The decrease of the cost that a quadratic model had promised, and the square of the gradient there.
+    real fall = 0, steepness = 0;
     for (;; iterations++) {
-        update_rows<FITS>(w, rows, contacts, lane);
-        real norm = 0;
+        update_rows<FITS>(w, rows, lane);
+        real square = 0;
         EACH(i, NV) {
             real x = w.Ma[i] - w.smooth[i];
             for (int r = 0; r < rows; r++) x -= row_of<FITS>(w, r)[i] * row_of<FITS>(w, r)[R_F];
-            w.g[i] = x, norm += x * x;
+            w.g[i] = x, square += x * x;
         }
-        norm = SUM(norm);
+        square = SUM(square);
         SYNC();
-        if (iterations >= MAX_ITERATIONS || (iterations && scale * SQRT(norm) < TOLERANCE)) break;
+        if (iterations >= MAX_ITERATIONS || (iterations && scale * SQRT(square) < TOLERANCE)) break;
+        // It falls with the square of the gradient: so little that it is not worth a solution.
+        if (iterations && scale * fall * square < NOTHING * steepness) break;
+        steepness = square;
         solve<FITS>(w, rows, contacts, &World::g, -1, lane);
-        real q1 = 0, q2 = 0, fall = 0;
+        real q1 = 0, q2 = 0;
+        fall = 0;
         EACH(i, NV) q1 += w.s[i] * (w.Ma[i] - w.smooth[i]), fall -= w.s[i] * w.g[i];
         multiply(w, w.s, w.Ms, lane);  // each lane where it has just read the gradient
         EACH(i, NV) q2 += w.s[i] * w.Ms[i];
         q1 = SUM(q1), q2 = SUM(q2), fall = SUM(fall);
+        if (iterations && scale * fall < NOTHING) break;
         EACH(r, rows) {
             real* o = row_of<FITS>(w, r);
             o[R_JS] = product(o, w.s);
         }
         SYNC();
-        real gain, step = 1;
-        if (rows) step = line_search<FITS>(w, rows, contacts, q1, q2, LINE_TOLERANCE * (2 * FABS(q1) + fall), gain, lane);
-        else gain = (real)0.5 * fall;
+        real step = 1;
+        if (rows) {
+#if ELLIPTIC_CONES
+            prepare_line<FITS>(w, contacts, lane);
+#endif
+            step = line_search<FITS>(w, rows, contacts, q1, q2, fall, LINE_SLOPE * fall + LINE_TOLERANCE * FABS(q1), lane);
+        }
         EACH(i, NV) w.a[i] += step * w.s[i], w.Ma[i] += step * w.Ms[i];
         EACH(r, rows) row_of<FITS>(w, r)[R_E] += step * row_of<FITS>(w, r)[R_JS];
         SYNC();
-        if (step == 0 || scale * gain < TOLERANCE) {
-            if (step != 0) iterations++, update_rows<FITS>(w, rows, contacts, lane);
+        if (step == 0 || (real)0.5 * scale * step * fall < TOLERANCE) {
+            if (step != 0) iterations++, update_rows<FITS>(w, rows, lane);
             break;
         }
     }

@@ -146,6 +146,9 @@ FN void step(World& w, const Parameters& P, const real* given, int given_count, 
     int iterations = fits ? solve_constraints<true>(w, rows, contacts, lane) : solve_spilled(w, rows, contacts, lane);
     if (lane == 0) *P.nefc() = rows, *P.solver_niter() = iterations;
     if (lane == 0 && overflow) report_overflow(P, overflow);
+#if ELLIPTIC_CONES && (CONTACTS || CONTACT_FORCES || ACCELERATIONS)
+    if (last) unscale_forces(w, contacts, lane);
+#endif
 #if CONTACTS
     if (is_read) write_contacts(w, fresh(P), given, contacts, rows, lane);
 #endif

@@ -13,7 +13,8 @@ enum RowField {
     R_E,            // J a - reference acceleration; at first the stiffness' part of the reference
     R_JS,           // J s; at first the damping
     R_F,            // force
-    R_LOSS,         // friction loss
+    R_LOSS,         // friction loss; of a cone's rows their contact
+    R_CONTACT = R_LOSS,
     R_WEIGHT,       // in the Hessian
     R_KIND,
     // Lanes read Jacobians as fours. An odd number of them, so that few lanes that read a field share a bank of the shared
@@ -67,7 +68,9 @@ struct World {
                 };
                 float turned[NTURNED];          // between steps: free joints and balls as Newton has them
                 struct {                        // from then on
+                    alignas(16) real balls[GEOMS_PLACED ? NGEOMS * 4 : 1];  // around geoms: position, and radius with margin
                     real geoms[GEOMS_PLACED ? NGEOMS * 12 : 1];  // position and axes, if geoms are in many pairs
+                    unsigned short near_pairs[2 * LANES];        // that may touch
 #if HAS_SEARCHES
                     Search search[SEARCHES];    // for contacts with height fields and meshes
                     Found found[TOUCHES];       // their candidates that touch

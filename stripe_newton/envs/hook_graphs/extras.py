@@ -24,7 +24,7 @@ class _Fresh(dict):
     """Entries of a dict by which a hook has replaced another one."""
 
 
-_KEPT = object()
+_UNCHANGED = object()
 """Stands for an entry that the hook has taken over from the dict before."""
 
 
@@ -41,7 +41,7 @@ def added_extras(before: Extras, given: Extras, after: Extras) -> Extras:
         old = before.get(key)
         if isinstance(value, dict) and isinstance(old, dict):
             if id(value) != id(given.get(key)):
-                found[key] = _Fresh({k: _KEPT if k in old and v is old[k] else v for k, v in value.items()})
+                found[key] = _Fresh({k: _UNCHANGED if k in old and v is old[k] else v for k, v in value.items()})
                 continue
             inner = added_extras(old, {k: v for k, v in value.items() if isinstance(v, dict)}, value)
             if inner:
@@ -110,9 +110,9 @@ def publish_extras(extras: Extras, added: Extras, log: bool = False) -> None:
     """
     for key, value in added.items():
         if isinstance(value, _Fresh):
-            there: Extras = dict(extras.get(key) or {})
+            current: Extras = dict(extras.get(key) or {})
             extras[key] = {}
-            entries = {k: there.get(k) if v is _KEPT else v for k, v in value.items()}
+            entries = {k: current.get(k) if v is _UNCHANGED else v for k, v in value.items()}
             publish_extras(extras[key], entries, key == "log")
         elif isinstance(value, dict):
             publish_extras(extras.setdefault(key, {}), value, log or key == "log")

@@ -162,7 +162,7 @@ class HookRecorder:
             else:
                 hook.replay()
         except NotSteady as error:
-            self.start_again(f"{hook.place}: {error}")
+            self.start_again(f"{hook.location}: {error}")
 
     def _check(self, hook: RecordedHook, variant: int = 0) -> None:
         difference = hook.check(variant)
@@ -295,7 +295,7 @@ class HookRecorder:
         self._attempts += 1
         self.context.carried = None
         for hook in self.hooks:
-            hook.forget()
+            hook.discard_recordings()
         if self._stopped:
             for hook in self.hooks:
                 hook.reject(reason)

@@ -20,10 +20,10 @@ __all__ = [
     "HostCalls",
     "NotRecordable",
     "NumbersOnDevice",
-    "error_place",
+    "error_location",
     "executed_code",
-    "place_of_name",
-    "short_place",
+    "location_of_name",
+    "short_location",
 ]
 
 _LIBRARIES = ("torch", "warp", "newton", "stripe_newton", "numpy", "stripe_kernels")
@@ -77,9 +77,9 @@ class HostCalls(TorchFunctionMode):
         kwargs = kwargs or {}
         call: Callable[..., object] = func
         if func in _READS:
-            raise NotRecordable(f"{place()}: {_name(func)} reads the value of a tensor, which waits for the device")
+            raise NotRecordable(f"{caller()}: {_name(func)} reads the value of a tensor, which waits for the device")
         if func in _SIZED or (func is torch.where and len(args) + len(kwargs) == 1):
-            raise NotRecordable(f"{place()}: the size of what {_name(func)} returns depends on values")
+            raise NotRecordable(f"{caller()}: the size of what {_name(func)} returns depends on values")
         if func is torch.Tensor.__getitem__:
             return call(args[0], self._index(args[1], None))
         if func is torch.Tensor.__setitem__:
@@ -94,7 +94,7 @@ class HostCalls(TorchFunctionMode):
             return self._constant(lambda: func(*args, **kwargs))
         result = func(*args, **kwargs)
         if func in _MOVERS and isinstance(result, torch.Tensor) and result.device != self.device:
-            raise NotRecordable(f"{place()}: {_name(func)} copies a tensor to the host")
+            raise NotRecordable(f"{caller()}: {_name(func)} copies a tensor to the host")
         return result
 
     def _numbers_on_device(self, args: Sequence[object]) -> list[object]:
@@ -128,13 +128,13 @@ class HostCalls(TorchFunctionMode):
             index = self._constant(lambda: torch.as_tensor(given, device=self.device))
         if isinstance(index, torch.Tensor) and index.dtype in (torch.bool, torch.uint8):
             if value is None:
-                raise NotRecordable(f"{place()}: the size of x[mask] depends on values; torch.where has a fixed one")
+                raise NotRecordable(f"{caller()}: the size of x[mask] depends on values; torch.where has a fixed one")
             if not isinstance(value, (bool, int, float)):
-                raise NotRecordable(f"{place()}: x[mask] = tensor waits for the size of the mask; use torch.where")
+                raise NotRecordable(f"{caller()}: x[mask] = tensor waits for the size of the mask; use torch.where")
         return index
 
     def _constant(self, make: Callable[[], object]) -> object:
-        where = place(of_task=False)
+        where = caller(of_task=False)
         if self.first:
             with _waits_allowed():
                 made = make()
@@ -143,7 +143,7 @@ class HostCalls(TorchFunctionMode):
             self.constants.append((where, made.clone()))
             return made
         if self._next >= len(self.constants) or self.constants[self._next][0] != where:
-            raise NotRecordable(f"{place()}: a tensor is made of numbers in some steps only")
+            raise NotRecordable(f"{caller()}: a tensor is made of numbers in some steps only")
         made = self.constants[self._next][1].clone()
         self._next += 1
         return made
@@ -205,31 +205,31 @@ def _name(func: Callable[..., object]) -> str:
 # -- places in source code
 
 
-def place(of_task: bool = True) -> str:
+def caller(of_task: bool = True) -> str:
     """File and line of the innermost call from outside the libraries, or of that from outside torch."""
     frame: FrameType | None = sys._getframe(1)
     while frame is not None:
         name = frame.f_globals.get("__name__", "")
         library = name.partition(".")[0] in (_LIBRARIES if of_task else ("torch",)) or name == __name__
         if not library:
-            return short_place(frame.f_code.co_filename, frame.f_lineno)
+            return short_location(frame.f_code.co_filename, frame.f_lineno)
         frame = frame.f_back
     return "?"
 
 
-def error_place(error: BaseException) -> str:
+def error_location(error: BaseException) -> str:
     """File and line of the innermost frame of a traceback from outside the libraries; empty if there is none."""
     step: TracebackType | None = error.__traceback__
     found = ""
     while step is not None:
         name = step.tb_frame.f_globals.get("__name__", "")
         if name.partition(".")[0] not in _LIBRARIES:
-            found = short_place(step.tb_frame.f_code.co_filename, step.tb_lineno)
+            found = short_location(step.tb_frame.f_code.co_filename, step.tb_lineno)
         step = step.tb_next
     return found
 
 
-def short_place(file: str, line: int) -> str:
+def short_location(file: str, line: int) -> str:
     """The last two parts of a path, and a line."""
     return f"{'/'.join(FilePath(file).parts[-2:])}:{line}"
 
@@ -285,7 +285,7 @@ def executed_code(into: ExecutedCode) -> Iterator[None]:
             sys.setprofile(before)
 
 
-def place_of_name(code: ExecutedCode, name: str) -> str:
+def location_of_name(code: ExecutedCode, name: str) -> str:
     """File and line where a name is used first, that of a task's own code if there is any."""
     import dis  # only where a reason is wanted
 
@@ -297,6 +297,6 @@ def place_of_name(code: ExecutedCode, name: str) -> str:
             line = starts.get(instruction.offset) or line
             if instruction.argval == name:
                 own = str(scope.get("__name__", "")).partition(".")[0] not in _LIBRARIES
-                found.append((not own, short_place(each.co_filename, line)))
+                found.append((not own, short_location(each.co_filename, line)))
                 break
     return min(found, default=(True, ""))[1]

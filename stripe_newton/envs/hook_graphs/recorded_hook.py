@@ -20,10 +20,10 @@ from .host_values import (
     HostCalls,
     NotRecordable,
     NumbersOnDevice,
-    error_place,
+    error_location,
     executed_code,
-    place_of_name,
-    short_place,
+    location_of_name,
+    short_location,
 )
 from .reachable import Path, Scan, path_name, scan, value_at
 from .recording_context import HookGraph, Launched, RecordingContext, set_flags
@@ -125,7 +125,7 @@ class RecordedHook:
             changed = [(o, n, getattr(o, n)) for o, n, old in flags if getattr(o, n) != old]
             return Launched(env, extras, changed)
         except NotSteady as error:
-            raise NotRecordable(f"{self.place}: {error}") from error
+            raise NotRecordable(f"{self.location}: {error}") from error
         finally:
             bound.restore()  # for an error in the middle: what has been recorded does not exist yet
             env.extras = original
@@ -153,7 +153,7 @@ class RecordedHook:
         """Whether a variant has been recorded."""
         return variant in self._graphs
 
-    def forget(self) -> None:
+    def discard_recordings(self) -> None:
         """Drop recordings and traces: the hook is watched again before it is recorded again."""
         self.traces, self.unchecked, self._unsteady = 0, self.CHECKS, 0
         self._numbers.clear()
@@ -177,7 +177,7 @@ class RecordedHook:
     def start_again(self, reason: str, attempts: int) -> None:
         """Watch and record the hook again, as something has changed that recordings hold; at most so many times."""
         self._attempts += 1
-        self.forget()
+        self.discard_recordings()
         if self._attempts > attempts:
             self.reject(reason)
 
@@ -224,7 +224,7 @@ class RecordedHook:
             self.reject(reason)
             self._function()
         if _host_generators(env.device) != hosts:
-            self.reject(f"{self.place}: it draws random numbers on the host")
+            self.reject(f"{self.location}: it draws random numbers on the host")
         self._remember_constants(calls, variant)
         self.extras_memory.reserve(added_extras(extras, dicts, env.extras))
         after = scan(env, context.skip)
@@ -245,7 +245,7 @@ class RecordedHook:
                 self._unsteady += 1
                 self.traces -= self._unsteady <= self.TRACES
                 if self._unsteady > self.TRACES:
-                    self.reject(f"{self.place}: {error}")
+                    self.reject(f"{self.location}: {error}")
         if context.carried is not None:
             context.carried.settle()
 
@@ -268,9 +268,9 @@ class RecordedHook:
         for holder, key, value, name in self._numbers:
             now = value_at(holder, key)
             if isinstance(now, torch.Tensor):
-                raise NotSteady(f"{self.place}: {name} is a number first and a tensor then")
+                raise NotSteady(f"{self.location}: {name} is a number first and a tensor then")
             if now is not value and now != value:
-                where = place_of_name(self._code, name.rpartition(".")[2].partition("[")[0]) or self.place
+                where = location_of_name(self._code, name.rpartition(".")[2].partition("[")[0]) or self.location
                 return f"{where}: reads {name}, a number that changes from {value!r} to {now!r}"
         return ""
 
@@ -282,17 +282,17 @@ class RecordedHook:
         self._constants[variant] = calls.constants
 
     def _number_reason(self, path: Path, old: object, new: object) -> str:
-        where = place_of_name(self._code, _name_of(path)) or self.place
+        where = location_of_name(self._code, _name_of(path)) or self.location
         if path[-1] == "len()":
             return f"{where}: {path_name(path[:-1])} changes its length from {old} to {new}"
         return f"{where}: {path_name(path)} changes on the host, from {old!r} to {new!r}"
 
     @property
-    def place(self) -> str:
+    def location(self) -> str:
         """File and line of the hook's definition."""
         method = inspect.unwrap(self._method) if self._method is not None else None
         code = getattr(getattr(method, "__func__", method), "__code__", None)
-        return short_place(code.co_filename, code.co_firstlineno) if code is not None else self.name
+        return short_location(code.co_filename, code.co_firstlineno) if code is not None else self.name
 
     # -- comparing a replay with the hook itself
 
@@ -353,7 +353,7 @@ class RecordedHook:
             saved.restore()
             said = str(error).strip().partition("\n")[0] or type(error).__name__
             outcome(self.run_eagerly)
-            return said if isinstance(error, NotRecordable) else f"{error_place(error) or self.place}: {said}"
+            return said if isinstance(error, NotRecordable) else f"{error_location(error) or self.location}: {said}"
         saved.restore()
         eager = outcome(self.run_eagerly)
         name = first_difference(replayed, eager)
@@ -366,7 +366,7 @@ class RecordedHook:
             return ""
         if as_close_as_repeats(saved, replayed, eager, again):
             return ""
-        return f"{self.place}: gives another '{_shown(name)}' when it is replayed from the same state"
+        return f"{self.location}: gives another '{_shown(name)}' when it is replayed from the same state"
 
 
 def _name_of(path: Path) -> str:
@@ -379,7 +379,7 @@ def _reason_of(error: RuntimeError) -> str:
     if isinstance(error, NotRecordable):
         return str(error)
     if "synchronizing CUDA" in str(error):
-        return f"{error_place(error)}: it waits for the device"
+        return f"{error_location(error)}: it waits for the device"
     return ""
 
 

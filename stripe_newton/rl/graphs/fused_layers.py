@@ -49,10 +49,10 @@ if triton is not None:
 
     @triton.jit
     def _gradient(
-        by_out, weight, result, by_in, sums, m, n, k, to_block, to_k, to_n,
+        grad_output, weight, result, grad_input, sums, m, n, k, to_block, to_k, to_n,
         BM: tl.constexpr, BN: tl.constexpr, BK: tl.constexpr,
     ):  # fmt: skip
-        """A block of ``(by_out @ weight) * slope(result)``, and its sums over the rows."""
+        """A block of ``(grad_output @ weight) * slope(result)``, and its sums over the rows."""
         columns = tl.cdiv(n, BN)
         block = tl.program_id(0) // columns
         rm = block * BM + tl.arange(0, BM)
@@ -61,7 +61,7 @@ if triton is not None:
         for start in range(0, k, BK):
             rk = start + tl.arange(0, BK)
             left = tl.load(
-                by_out + rm[:, None] * k + rk[None, :], mask=(rm[:, None] < m) & (rk[None, :] < k), other=0.0
+                grad_output + rm[:, None] * k + rk[None, :], mask=(rm[:, None] < m) & (rk[None, :] < k), other=0.0
             )
             right = tl.load(
                 weight + rk[:, None] * to_k + rn[None, :] * to_n, mask=(rk[:, None] < k) & (rn[None, :] < n), other=0.0
@@ -70,8 +70,8 @@ if triton is not None:
         inside = (rm[:, None] < m) & (rn[None, :] < n)
         place = rm[:, None] * n + rn[None, :]
         slope = tl.load(result + place, mask=inside, other=0.0).to(tl.float32)
-        total = (total * tl.where(slope > 0.0, 1.0, slope + 1.0)).to(by_in.dtype.element_ty)
-        tl.store(by_in + place, total, mask=inside)
+        total = (total * tl.where(slope > 0.0, 1.0, slope + 1.0)).to(grad_input.dtype.element_ty)
+        tl.store(grad_input + place, total, mask=inside)
         tl.store(sums + block * to_block + rn, tl.sum(total.to(tl.float32), axis=0), mask=rn < n)
 
 
@@ -103,12 +103,12 @@ def elu_layer(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torc
 
 
 def elu_layer_gradient(
-    by_out: torch.Tensor, weight: torch.Tensor, result: torch.Tensor, sums: torch.Tensor
+    grad_output: torch.Tensor, weight: torch.Tensor, result: torch.Tensor, sums: torch.Tensor
 ) -> torch.Tensor:
     """Gradient through a linear layer and the ELU before it.
 
     Args:
-        by_out: Gradient by the layer's output, contiguous, ``(m, k)``.
+        grad_output: Gradient by the layer's output, contiguous, ``(m, k)``.
         weight: Weights of the layer, contiguous, ``(k, n)``.
         result: Results of the ELU, the layer's inputs, contiguous, ``(m, n)``.
         sums: Takes the gradient's sums over the samples of each block, float32, rows contiguous, ``(blocks, n)``.
@@ -117,11 +117,11 @@ def elu_layer_gradient(
         Gradient by the arguments of the ELU, ``(m, n)``.
     """
     (m, n), k = result.shape, len(weight)
-    by_in = torch.empty_like(result)
+    grad_input = torch.empty_like(result)
     if result.dtype == torch.float32:
         # In TF32 the tensor cores take both factors only with the summed index innermost.
         weight = weight.t().contiguous().t()
     strides = (sums.stride(0), *weight.stride())
     with torch.cuda.device_of(result):
-        _gradient[_grid(m, n)](by_out, weight, result, by_in, sums, m, n, k, *strides, **_settings(result))
-    return by_in
+        _gradient[_grid(m, n)](grad_output, weight, result, grad_input, sums, m, n, k, *strides, **_settings(result))
+    return grad_input

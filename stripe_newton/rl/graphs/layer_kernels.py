@@ -42,11 +42,13 @@ def _layer(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torch.T
     return torch.nn.functional.elu_(torch.addmm(bias, x, weight.t()))
 
 
-def _gradient(by_out: torch.Tensor, weight: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> torch.Tensor:
-    by_in = by_out @ weight
-    packed = by_in.dtype != torch.bfloat16 or by_in.shape[1] % 2 == 0
-    (elu_gradient_in_warp if by_in.is_cuda and packed else elu_gradient_in_torch)(by_in, result, sums)
-    return by_in
+def _gradient(
+    grad_output: torch.Tensor, weight: torch.Tensor, result: torch.Tensor, sums: torch.Tensor
+) -> torch.Tensor:
+    grad_input = grad_output @ weight
+    packed = grad_input.dtype != torch.bfloat16 or grad_input.shape[1] % 2 == 0
+    (elu_gradient_in_warp if grad_input.is_cuda and packed else elu_gradient_in_torch)(grad_input, result, sums)
+    return grad_input
 
 
 def elu_gradient_in_torch(gradient: torch.Tensor, result: torch.Tensor, sums: torch.Tensor) -> None:
@@ -99,14 +101,16 @@ def layer_kernels(device: torch.device, kind: torch.dtype) -> LayerKernels:
 @cache
 def _why_no_triton(device: torch.device, kind: torch.dtype) -> str:
     """Reason why Triton's kernels cannot be used, which is also printed; empty if they can."""
-    x, weight, by_out = (torch.rand(shape, device=device).to(kind) - 0.5 for shape in ((128, 32), (64, 32), (128, 64)))
+    x, weight, grad_output = (
+        torch.rand(shape, device=device).to(kind) - 0.5 for shape in ((128, 32), (64, 32), (128, 64))
+    )
     sums = torch.zeros(2, 2, 32, device=device)
     found, problem = list[tuple[torch.Tensor, torch.Tensor]](), ""
 
     def compute() -> None:
         for way, parts in zip((LIBRARY, TRITON), sums, strict=True):
             parts = parts[: 128 // way.rows]
-            found.append((way.layer(x, weight, weight[:, 0].contiguous()), way.gradient(by_out, weight, x, parts)))
+            found.append((way.layer(x, weight, weight[:, 0].contiguous()), way.gradient(grad_output, weight, x, parts)))
 
     try:
         Program(compute, device).run()  # on a stream that torch and Warp share

@@ -48,12 +48,12 @@ class NetworkPass(ABC):
     """Forward and backward pass of a network."""
 
     @abstractmethod
-    def forward(self, stored: TensorDict, picked: torch.Tensor) -> torch.Tensor:
-        """The output of the network for the observations ``stored[picked]``.
+    def forward(self, stored: TensorDict, indices: torch.Tensor) -> torch.Tensor:
+        """The output of the network for the observations ``stored[indices]``.
 
         Args:
             stored: Observations, ``(n,)``.
-            picked: Rows of them, int64, ``(samples,)``.
+            indices: Rows of them, int64, ``(samples,)``.
 
         Returns:
             Outputs, float32, ``(samples, outputs)``.
@@ -100,11 +100,11 @@ class TorchPass(NetworkPass):
     def __init__(self, model: MLPModel, bf16: bool):
         self._model, self._bf16 = model, bf16
 
-    def forward(self, stored: TensorDict, picked: torch.Tensor) -> torch.Tensor:
+    def forward(self, stored: TensorDict, indices: torch.Tensor) -> torch.Tensor:
         model = self._model
-        obs = TensorDict({group: stored[group][picked] for group in model.obs_groups}, batch_size=[len(picked)])
+        obs = TensorDict({group: stored[group][indices] for group in model.obs_groups}, batch_size=[len(indices)])
         # torch's cache of weights in bfloat16 must be off where a graph is recorded.
-        with torch.enable_grad(), torch.autocast(picked.device.type, torch.bfloat16, self._bf16, cache_enabled=False):
+        with torch.enable_grad(), torch.autocast(indices.device.type, torch.bfloat16, self._bf16, cache_enabled=False):
             self._output = model.mlp(model.get_latent(obs)).float()
         return self._output.detach()
 
@@ -129,8 +129,8 @@ class EluPass(NetworkPass):
         self._kernels = layer_kernels(pairs[0][0].device, self._kind)
 
     @torch.no_grad()
-    def forward(self, stored: TensorDict, picked: torch.Tensor) -> torch.Tensor:
-        x = self._gather(stored, picked)
+    def forward(self, stored: TensorDict, indices: torch.Tensor) -> torch.Tensor:
+        x = self._gather(stored, indices)
         self._inputs = [x]
         *hidden, (last_weight, last_bias) = self._parameters
         for weight, bias in hidden:
@@ -138,40 +138,40 @@ class EluPass(NetworkPass):
             self._inputs.append(x)
         return torch.addmm(last_bias, x, last_weight.t()).float()
 
-    def _gather(self, stored: TensorDict, picked: torch.Tensor) -> torch.Tensor:
-        """The latent of ``stored[picked]``."""
+    def _gather(self, stored: TensorDict, indices: torch.Tensor) -> torch.Tensor:
+        """The latent of ``stored[indices]``."""
         model, first = self._model, 0
-        out = torch.empty(len(picked), model.obs_dim, dtype=self._kind, device=picked.device)
+        out = torch.empty(len(indices), model.obs_dim, dtype=self._kind, device=indices.device)
         normalizer = model.obs_normalizer
         statistics = (None, None, 0.0)
         if isinstance(normalizer, EmpiricalNormalization):
             statistics = (as_array(normalizer._mean), as_array(normalizer._std), normalizer.eps)
-        rows, target = as_array(picked), as_array(out)
+        rows, target = as_array(indices), as_array(out)
         for group in model.obs_groups:
             values = as_array(stored[group].float())
             inputs = [rows, values, first, *statistics, target]
-            dim = (len(picked), values.shape[1])
+            dim = (len(indices), values.shape[1])
             wp.launch(gather_inputs, dim=dim, inputs=inputs, device=rows.device, block_dim=BLOCK)
             first += values.shape[1]
         return out
 
     @torch.no_grad()
     def backward(self, gradient: torch.Tensor) -> None:
-        by_output = gradient.to(self._kind)
+        grad_output = gradient.to(self._kind)
         torch.sum(gradient, dim=0, out=self._gradients[-1][1])
         widths = [x.shape[1] for x in self._inputs[1:]]
         # Sums of all layers' gradients over blocks of samples, side by side, so that one kernel adds them up.
         parts = gradient.new_empty(-(-len(gradient) // self._kernels.rows), sum(widths))
         sums = parts.split(widths, dim=1)
         for index in reversed(range(len(self._layers))):
-            by_weight, x = self._gradients[index][0], self._inputs[index]
+            grad_weight, x = self._gradients[index][0], self._inputs[index]
             if self._kind == torch.float32:
-                torch.mm(by_output.t(), x, out=by_weight)
+                torch.mm(grad_output.t(), x, out=grad_weight)
             else:
-                by_weight.copy_(by_output.t() @ x)
+                grad_weight.copy_(grad_output.t() @ x)
             if index:
-                by_output = self._kernels.gradient(by_output, self._parameters[index][0], x, sums[index - 1])
+                grad_output = self._kernels.gradient(grad_output, self._parameters[index][0], x, sums[index - 1])
         if widths:
-            biases = [by_bias for _, by_bias in self._gradients[:-1]]
+            biases = [grad_bias for _, grad_bias in self._gradients[:-1]]
             torch._foreach_copy_(biases, list(parts.sum(dim=0).split(widths)))
         self._inputs = []

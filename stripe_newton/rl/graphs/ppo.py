@@ -131,7 +131,7 @@ class GraphPPO(PPO):
             self._adam.take_state()
             # The optimiser's settings may be other ones, and are recorded.
             for program in self._programs.values():
-                program.forget()
+                program.invalidate()
         return iteration
 
     # -- construction
@@ -163,7 +163,7 @@ class GraphPPO(PPO):
         storage, device = self.storage, self.device
         samples = storage.num_envs * storage.num_transitions_per_env // self.num_mini_batches
         self._indices = torch.zeros(samples * self.num_mini_batches, dtype=torch.int64, device=device)
-        self._picked = torch.zeros(samples, dtype=torch.int64, device=device)
+        self._batch_indices = torch.zeros(samples, dtype=torch.int64, device=device)
         self._last_obs = obs.clone()
         self._loss_names = ["value", "surrogate", "entropy", *(["symmetry"] if self.symmetry else [])]
         self._losses = torch.zeros(len(self._loss_names), device=device)
@@ -172,7 +172,7 @@ class GraphPPO(PPO):
             copies = self._adam.make_copies() if self.use_mixed_precision else None
             self._passes = tuple(network_pass(m, copies) for m in (self.actor, self.critic))
             self._side_by_side = SideBySide(device, all(isinstance(network, EluPass) for network in self._passes))
-            self._gradient = PpoGradient(self, self._picked, self._losses, self._kl, self._std)
+            self._gradient = PpoGradient(self, self._batch_indices, self._losses, self._kl, self._std)
         functions = {"returns": self._compute_returns}
         if self.is_multi_gpu:
             # Averages over the ranks are collective calls, which stay outside the graphs: between gradients and step,
@@ -201,15 +201,15 @@ class GraphPPO(PPO):
         self._losses.zero_()
 
     def _learn_epoch(self) -> None:
-        for picked in self._indices.chunk(self.num_mini_batches):
-            self._picked.copy_(picked)
+        for batch_indices in self._indices.chunk(self.num_mini_batches):
+            self._batch_indices.copy_(batch_indices)
             self._compute_gradients()
             self._take_step()
 
     def _learn_epoch_with_ranks(self) -> None:
         """The same in graphs for parts of a minibatch."""
-        for picked in self._indices.chunk(self.num_mini_batches):
-            self._picked.copy_(picked)
+        for batch_indices in self._indices.chunk(self.num_mini_batches):
+            self._batch_indices.copy_(batch_indices)
             self._programs["gradients"].run()
             self._average_over_ranks()
             self._programs["step"].run()
@@ -220,21 +220,23 @@ class GraphPPO(PPO):
             self._compute_gradients_by_autograd()
             return
         actor_pass, critic_pass = self._passes
-        found, picked = self._gradient, self._picked
+        found, batch_indices = self._gradient, self._batch_indices
         stored = self.storage.observations.flatten(0, 1)
         self._adam.gradient.zero_()
         self._adam.update_copies()
         mean, values = self._side_by_side.run(
-            lambda: actor_pass.forward(stored, picked), lambda: critic_pass.forward(stored, picked)
+            lambda: actor_pass.forward(stored, batch_indices), lambda: critic_pass.forward(stored, batch_indices)
         )
         # rsl_rl draws actions here and does not use them. Drawing them keeps the random numbers that follow equal.
         torch.empty_like(mean).normal_()
         found.compute(mean, values)
-        self._side_by_side.run(lambda: actor_pass.backward(found.by_mean), lambda: critic_pass.backward(found.by_value))
+        self._side_by_side.run(
+            lambda: actor_pass.backward(found.grad_mean), lambda: critic_pass.backward(found.grad_value)
+        )
 
     def _compute_gradients_by_autograd(self) -> None:
         """The same by torch's autograd, for what the fused loss does not cover."""
-        batch, count = self._minibatch(), len(self._picked)
+        batch, count = self._minibatch(), len(self._batch_indices)
         if self.symmetry:
             self.symmetry.augment_batch(batch, count)
         kind = torch.device(self.device).type
@@ -266,17 +268,17 @@ class GraphPPO(PPO):
             self._std.copy_(actor.output_std.mean())
 
     def _minibatch(self) -> RolloutStorage.Batch:
-        """The samples that ``_picked`` names."""
-        st, picked = self.storage, self._picked
-        rows = {name: value.flatten(0, 1)[picked] for name, value in st.observations.items()}
+        """The samples that ``_batch_indices`` names."""
+        st, batch_indices = self.storage, self._batch_indices
+        rows = {name: value.flatten(0, 1)[batch_indices] for name, value in st.observations.items()}
         batch = RolloutStorage.Batch(
-            observations=TensorDict(rows, batch_size=[len(picked)]),
-            old_distribution_params=tuple(p.flatten(0, 1)[picked] for p in st.distribution_params),
-            actions=st.actions.flatten(0, 1)[picked],
-            values=st.values.flatten(0, 1)[picked],
-            advantages=st.advantages.flatten(0, 1)[picked],
-            returns=st.returns.flatten(0, 1)[picked],
-            old_actions_log_prob=st.actions_log_prob.flatten(0, 1)[picked],
+            observations=TensorDict(rows, batch_size=[len(batch_indices)]),
+            old_distribution_params=tuple(p.flatten(0, 1)[batch_indices] for p in st.distribution_params),
+            actions=st.actions.flatten(0, 1)[batch_indices],
+            values=st.values.flatten(0, 1)[batch_indices],
+            advantages=st.advantages.flatten(0, 1)[batch_indices],
+            returns=st.returns.flatten(0, 1)[batch_indices],
+            old_actions_log_prob=st.actions_log_prob.flatten(0, 1)[batch_indices],
         )
         if self.normalize_advantage_per_mini_batch:
             batch.advantages = (batch.advantages - batch.advantages.mean()) / (batch.advantages.std() + 1e-8)

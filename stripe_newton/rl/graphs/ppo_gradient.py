@@ -26,26 +26,31 @@ class PpoGradient:
     It reads the storage where it is, and writes the same memory in every call.
 
     Attributes:
-        by_mean: Gradient of the loss by the means of the actions, ``(samples, actions)``.
-        by_value: Gradient of the loss by the values, ``(samples, 1)``.
+        grad_mean: Gradient of the loss by the means of the actions, ``(samples, actions)``.
+        grad_value: Gradient of the loss by the values, ``(samples, 1)``.
     """
 
     def __init__(
-        self, algorithm: GraphPPO, picked: torch.Tensor, losses: torch.Tensor, kl: torch.Tensor, mean_std: torch.Tensor
+        self,
+        algorithm: GraphPPO,
+        batch_indices: torch.Tensor,
+        losses: torch.Tensor,
+        kl: torch.Tensor,
+        mean_std: torch.Tensor,
     ):
         """Bind to the storage and the action distribution of an algorithm.
 
         Args:
             algorithm: PPO; its storage must have distribution parameters.
-            picked: Rows of the flattened storage that are the minibatch, int64, ``(samples,)``; read in every call.
+            batch_indices: Rows of the minibatch in the flattened storage, int64, ``(samples,)``; read in every call.
             losses: Value loss, surrogate and entropy are added to it, ``(3,)``.
             kl: Takes the mean KL divergence of the old distributions from the new ones, no dimensions.
             mean_std: Takes the mean standard deviation of the actions, no dimensions.
         """
-        st, self._algorithm, self._picked = algorithm.storage, algorithm, picked
-        samples, actions, device = len(picked), st.actions.shape[-1], picked.device
-        self.by_mean = torch.zeros(samples, actions, device=device)
-        self.by_value = torch.zeros(samples, 1, device=device)
+        st, self._algorithm, self._batch_indices = algorithm.storage, algorithm, batch_indices
+        samples, actions, device = len(batch_indices), st.actions.shape[-1], batch_indices.device
+        self.grad_mean = torch.zeros(samples, actions, device=device)
+        self.grad_value = torch.zeros(samples, 1, device=device)
         self._terms = torch.zeros(LOSS_TERMS + actions, samples, device=device)
         # Subtracted from an advantage, and dividing it after that.
         self._scale = torch.tensor([0.0, 1.0], device=device)
@@ -53,9 +58,9 @@ class PpoGradient:
         self._advantages = st.advantages.flatten()
         rows = [t.flatten(0, 1) for t in (st.actions, old_mean, old_std)]
         flat = [st.actions_log_prob.flatten(), st.values.flatten(), self._advantages, st.returns.flatten()]
-        self._rows = as_array(picked)
+        self._rows = as_array(batch_indices)
         self._stored = [as_array(t) for t in (*rows, *flat, self._scale)]
-        self._outputs = [as_array(t) for t in (self.by_mean, self.by_value.flatten(), self._terms)]
+        self._outputs = [as_array(t) for t in (self.grad_mean, self.grad_value.flatten(), self._terms)]
         self._totals = [as_array(t) for t in (losses, kl.view(1), mean_std.view(1))]
         self._std = self._std_arguments(algorithm.actor.distribution)
 
@@ -76,7 +81,7 @@ class PpoGradient:
         """
         algorithm, device = self._algorithm, self._rows.device
         if algorithm.normalize_advantage_per_mini_batch:
-            advantages = self._advantages[self._picked]
+            advantages = self._advantages[self._batch_indices]
             self._scale.copy_(torch.stack((advantages.mean(), advantages.std() + 1e-8)))
         outputs = [as_array(mean.contiguous()), *self._std, as_array(values.flatten())]
         options = [algorithm.clip_param, algorithm.value_loss_coef, algorithm.use_clipped_value_loss]

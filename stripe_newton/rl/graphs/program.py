@@ -39,7 +39,7 @@ class Program:
         """Whether a run is a graph launch."""
         return self._graph is not None
 
-    def forget(self) -> None:
+    def invalidate(self) -> None:
         """Drop the graph: the next run is eager, the one after it records again.
 
         Call this after replacing an array that the function uses. A graph holds addresses, not arrays, and would go on

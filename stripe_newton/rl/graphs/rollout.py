@@ -152,8 +152,8 @@ class GraphRollout:
         storage = self._algorithm.storage
         for _ in range(storage.num_transitions_per_env):
             if self._step.before():
-                self._program.forget()
-                self._end.forget()
+                self._program.invalidate()
+                self._end.invalidate()
             self._program.run()
             # Observations are handed out for hooks alone: within a rollout the graph reads them where they are.
             if self._env.step_hooks:
@@ -198,12 +198,15 @@ class GraphRollout:
         def report() -> Report:
             if arrived is not None:
                 arrived.synchronize()
-            values, done, returns, lengths = sent[0].tolist(), sent[1] > 0, sent[2], sent[3]
+            # NumPy: torch would share out each of these small operations over all cores, which takes longer than they
+            # do, and milliseconds where some of the cores are busy.
+            values, (done, returns, lengths) = sent[0].tolist(), (value.numpy() for value in sent[1:])
+            ended = done > 0
             log, nan = values[len(names) : -len(self._names)], values[-len(self._names) :]
             bad = [name for name, is_nan in zip(self._names, nan, strict=True) if is_nan]
             return Report(
-                returns[done][-self._keep :].tolist(),
-                lengths[done][-self._keep :].tolist(),
+                returns[ended][-self._keep :].tolist(),
+                lengths[ended][-self._keep :].tolist(),
                 dict(zip(self._step.log_keys, log, strict=True)),
                 f"the environment returned NaN in {', '.join(bad)}" if bad else "",
                 dict(zip(names, values, strict=False)),

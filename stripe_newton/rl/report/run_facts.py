@@ -55,8 +55,8 @@ def write_changes(folder: RunFolder, changes: Mapping[str, tuple[object, object]
     Raises:
         OSError: if the file cannot be written.
     """
-    told = {path: [_text(value) for value in pair] for path, pair in changes.items() if path not in _NO_CHANGES}
-    write_whole(folder.params / _CHANGES, yaml.safe_dump(told, sort_keys=False, allow_unicode=True))
+    shown = {path: [_text(value) for value in pair] for path, pair in changes.items() if path not in _NO_CHANGES}
+    write_whole(folder.params / _CHANGES, yaml.safe_dump(shown, sort_keys=False, allow_unicode=True))
 
 
 def read_facts(folder: RunFolder) -> RunFacts:

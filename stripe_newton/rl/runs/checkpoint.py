@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 _MUCH = 1e9
-"""Bytes of all checkpoints of a run that the user is told of."""
+"""Size of all checkpoints of a run from which on it is reported [bytes]."""
 
 CheckpointData = dict[str, Any]
 """Contents of a checkpoint: tensors and plain values, nested. The keys are those of rsl_rl's algorithm, and ``iter``,

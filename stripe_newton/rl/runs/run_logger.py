@@ -193,7 +193,7 @@ class RunLogger(Logger):
         super().stop_logging_writer()
         self.writer = None  # which says that no training is under way
 
-    def forget_episodes(self) -> None:
+    def clear_episodes(self) -> None:
         """Count the running episodes from zero, as after a cut of all episodes."""
         for name in self._sums:
             getattr(self, name).zero_()

@@ -185,7 +185,7 @@ class CabinetEnvCfg(ManagerBasedRLEnvCfg):
     sim: SimulationCfg = SimulationCfg(
         dt=1.0 / 120.0,
         render_interval=2,
-        solver=MuJoCoSolverCfg(iterations=20, ls_iterations=20, nconmax=64, njmax=250),
+        solver=MuJoCoSolverCfg(iterations=20, ls_iterations=20, nconmax=160, njmax=640),
     )
     scene: CabinetSceneCfg = CabinetSceneCfg(num_envs=4096, env_spacing=2.5)
     viewer: ViewerCfg = ViewerCfg(eye=(-1.0, 1.7, 1.3), lookat=(0.5, 0.0, 0.4))

@@ -192,7 +192,7 @@ class LiftEnvCfg(ManagerBasedRLEnvCfg):
     decimation: int = 4
     episode_length_s: float = 5.0
     sim: SimulationCfg = SimulationCfg(
-        dt=0.005, render_interval=4, solver=MuJoCoSolverCfg(iterations=20, ls_iterations=20, nconmax=48, njmax=200)
+        dt=0.005, render_interval=4, solver=MuJoCoSolverCfg(iterations=20, ls_iterations=20, nconmax=160, njmax=640)
     )
     scene: LiftSceneCfg = LiftSceneCfg(num_envs=4096, env_spacing=2.5)
     viewer: ViewerCfg = ViewerCfg(eye=(1.5, 1.2, 0.9), lookat=(0.35, 0.0, 0.2))

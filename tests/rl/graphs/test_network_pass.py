@@ -43,14 +43,14 @@ def gradients(of: MLPModel) -> dict[str, torch.Tensor]:
 @pytest.mark.parametrize("bf16", [False, True])
 def test_the_gradients_are_those_of_autograd(settings, bf16):
     network, obs = model(**settings), observations()
-    by_output = torch.randn(SAMPLES, 4)
+    grad_output = torch.randn(SAMPLES, 4)
     ours = network_pass(network, {p: p.detach().bfloat16() for p in network.parameters()} if bf16 else None)
     assert isinstance(ours, EluPass)
     output = ours.forward(obs, PICKED)
-    ours.backward(by_output)
+    ours.backward(grad_output)
     found = gradients(network)
     theirs = network(obs[PICKED])
-    theirs.backward(by_output)
+    theirs.backward(grad_output)
     # bfloat16 has 8 bits; errors of many samples cancel.
     tolerance = {"rtol": 0.05, "atol": 0.02 * SAMPLES**0.5} if bf16 else {"rtol": 1.0e-5, "atol": 1.0e-5}
     torch.testing.assert_close(output, theirs.detach(), rtol=tolerance["rtol"], atol=0.05 if bf16 else 1.0e-6)
@@ -63,11 +63,11 @@ def test_other_networks_run_by_autograd(activation):
     network, obs = model(activation=activation), observations()
     ours = network_pass(network)
     assert isinstance(ours, TorchPass)
-    by_output = torch.randn(SAMPLES, 4)
+    grad_output = torch.randn(SAMPLES, 4)
     torch.testing.assert_close(ours.forward(obs, PICKED), network(obs[PICKED]).detach())
-    ours.backward(by_output)
+    ours.backward(grad_output)
     found = gradients(network)
-    network(obs[PICKED]).backward(by_output)
+    network(obs[PICKED]).backward(grad_output)
     for name, value in gradients(network).items():
         torch.testing.assert_close(found[name], value, msg=lambda m, n=name: f"{n}: {m}")
 
