@@ -140,12 +140,13 @@ def test_worlds_with_parameters_of_their_own(ground):
     np.testing.assert_allclose(data.qvel.numpy(), limb["qvel"], rtol=1e-4, atol=1e-4)
 
 
-@pytest.mark.parametrize("name", ["floating", "planar"])
-def test_lanes_read_and_write_newtons_state(name):
-    """Those of a warp copy the rows of all of its worlds, of which the last warp has fewer."""
+@pytest.mark.parametrize(("name", "lanes"), [("floating", 4), ("planar", 4), ("planar", 32)])
+def test_lanes_read_and_write_newtons_state(name, lanes):
+    """Those of a warp copy the rows of all of its worlds, fewer in the last warp, or of one in the general form."""
     worlds, found = 11, []
     model = walker_worlds(name, worlds)
     solver = SolverFused(model, njmax=80, nconmax=20, kinematic_switchable_roots=False)
+    solver.limbs = lanes == 4
     rng, control = np.random.default_rng(4), model.control()
     for array in (control.joint_f, control.joint_target_q, control.joint_target_qd):
         array.assign(rng.uniform(-0.3, 0.3, array.shape).astype(np.float32))
@@ -158,7 +159,7 @@ def test_lanes_read_and_write_newtons_state(name):
         state.body_f.assign([[0.0, 3.0, 1.0, 0.1, 0.0, 0.0] if b == 5 else [0.0] * 6 for b in range(model.body_count)])
         solver.mjw_data.qacc_warmstart.zero_()
         if is_emulated:
-            emulated = emulate(solver, 4)
+            emulated = emulate(solver, lanes)
             converted = ConvertedState(state, following, control, observables, reads_state=True)
             solver._call = StepCall(3, (None, before), state=converted, dt=0.005)
             emulated(3)
