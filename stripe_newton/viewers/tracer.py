@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
@@ -20,8 +21,10 @@ from .display_model import DisplayModel
 from .lighting import Lighting
 from .look import lit_look
 from .picture_parts import Part, PictureParts, View
-from .scenery_tracer import SceneryTracer
 from .viewer_cfg import ViewerCfg
+
+if TYPE_CHECKING:
+    from .scenery_tracer import SceneryTracer
 
 __all__ = ["Tracer"]
 
@@ -90,7 +93,11 @@ class Tracer:
             self._use_parts(PictureParts(scene, (self._width, self._height), size))
         self._pool = ThreadPool(_MOST_THREADS, "shade")
         self._frames_shaded = 0
-        self.scenery = SceneryTracer(scene) if len(scene.scenery) else None
+        self.scenery: SceneryTracer | None = None
+        if len(scene.scenery):
+            from .scenery_tracer import SceneryTracer  # here, as its kernels and scipy take long to import
+
+            self.scenery = SceneryTracer(scene)
         # Room for a third of the pixels; beyond that, pixels on edges stay as they are.
         self._capacity = pixels // 3 if cfg.anti_aliasing else 0
         if self._capacity:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Author a furnished flat of two storeys: ``python tools/authoring/author_flat.py FILE [--bodies]``.
+"""Author a furnished flat of two storeys: ``python tools/authoring/author_flat.py FILE [--bodies] [--stairs]``.
 
 FILE is a USD file, such as ``flat.usda``. A living room of full height with a table that a small robot can walk under,
 a bedroom behind a door, and a gallery above it, which stairs lead up to. Walls and stairs are one concave mesh each, as
 files of buildings have them; furniture is made of boxes and cylinders. With ``--bodies`` there is a ball and a carton
-that move. Lengths are in metres, z is up; ``docs/importing_a_world.md`` shows it.
+that move, with ``--stairs`` mounds of stairs beside it, to train robots on. Lengths are in metres, z is up;
+``docs/importing_a_world.md`` shows it.
 """
 
 from __future__ import annotations
@@ -28,16 +29,20 @@ GALLERY, EDGE = 2.8, 1.0
 STEPS, RISE, TREAD = 20, 0.14, 0.3
 """Steps of the stairs, the last of which is the gallery itself, their height and depth [m]."""
 
+MOUNDS, MOUND_STEPS, MOUND_TOP, MOUND_PITCH, MOUND_RISES = 5, 5, 2.0, 7.0, (0.04, 0.16)
+"""Mounds along an axis, steps of one, width of its top, distance of two, least and greatest height of a step [m]."""
+
 WHITE, OAK, PINE, GREY = (0.82, 0.80, 0.76), (0.42, 0.27, 0.14), (0.62, 0.46, 0.28), (0.33, 0.35, 0.38)
 BLUE, GREEN, RED = (0.10, 0.20, 0.36), (0.10, 0.28, 0.12), (0.50, 0.10, 0.07)
 
 
-def author_flat(path: str | Path, bodies: bool = False) -> Path:
+def author_flat(path: str | Path, bodies: bool = False, stairs: bool = False) -> Path:
     """Write the flat to a USD file.
 
     Args:
         path: The file.
         bodies: Whether a ball and a carton that move are in it.
+        stairs: Whether there are mounds of stairs beside it.
     """
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
@@ -49,6 +54,8 @@ def author_flat(path: str | Path, bodies: bool = False) -> Path:
     _gallery(stage)
     if bodies:
         _bodies(stage)
+    if stairs:
+        _mounds(stage)
     _bind_material(stage)
     stage.GetRootLayer().Export(str(path))
     return Path(path)
@@ -111,6 +118,21 @@ def _gallery(stage: Usd.Stage) -> None:
     _boxes(stage, "/Flat/railing", [*posts, rail], GREY, "railing")
     _table(stage, "/Flat/desk", (4.2, -2.4), (1.4, 0.7, 0.74), GALLERY)
     _boxes(stage, "/Flat/chest", [(5.0, 1.0, GALLERY, 5.5, 2.2, GALLERY + 0.8)], OAK, "chest")
+
+
+def _mounds(stage: Usd.Stage) -> None:
+    """Mounds east of the flat, with stairs on all sides, of which one is steeper than the other."""
+    side = MOUNDS * MOUND_PITCH
+    west, south = 0.5 * WIDTH + 1.0, -0.5 * side
+    _boxes(stage, "/Flat/yard", [(west, south, -0.2, west + side, south + side, 0.0)], PINE, "floor")
+    for i in range(MOUNDS**2):
+        x, y = west + (i % MOUNDS + 0.5) * MOUND_PITCH, south + (i // MOUNDS + 0.5) * MOUND_PITCH
+        rise = MOUND_RISES[0] + i / (MOUNDS**2 - 1) * (MOUND_RISES[1] - MOUND_RISES[0])
+        steps: list[Box] = []
+        for step in range(MOUND_STEPS):
+            half = 0.5 * MOUND_TOP + TREAD * (MOUND_STEPS - 1 - step)
+            steps.append((x - half, y - half, 0.0, x + half, y + half, rise * (step + 1)))
+        _mesh(stage, f"/Flat/mound_{i + 1}", steps, OAK, "stairs")
 
 
 def _table(
@@ -233,4 +255,4 @@ def _lights(stage: Usd.Stage) -> None:
 if __name__ == "__main__":
     if len(sys.argv) < 2:
         sys.exit(__doc__)
-    print(author_flat(sys.argv[1], bodies="--bodies" in sys.argv[2:]))
+    print(author_flat(sys.argv[1], bodies="--bodies" in sys.argv[2:], stairs="--stairs" in sys.argv[2:]))

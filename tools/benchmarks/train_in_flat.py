@@ -2,9 +2,10 @@
 """Train the quadruped for the imported flat on a GPU, and film its walk: ``train_in_flat.py OUT``.
 
 Options: ``--task NAME`` (the rough velocity task by default, which sees the stairs in its height scan), ``--ground``
-``flat`` (in the flat, the default) or ``own`` (on the ground of the task, so that the flat is new to the policy),
-``--num-envs N``, ``--iterations K``, ``--device D``. OUT gets the run folder and the film. The script runs the commands
-that a user would type, prints them, and says how long each took; ``walk_in_flat.py`` is what films.
+``stairs`` (in the flat and on mounds of stairs beside it, the default), ``flat`` (in the flat alone) or ``own`` (on the
+ground of the task, so that the flat is new to the policy), ``--num-envs N``, ``--iterations K``, ``--device D``. OUT
+gets the run folder and the film. The script runs the commands that a user would type, prints them, and says how long
+each took; ``walk_in_flat.py`` is what films.
 """
 
 from __future__ import annotations
@@ -24,8 +25,9 @@ def training(args: argparse.Namespace) -> list[str]:
     """The command that trains."""
     options = ["--max-iterations", args.iterations, "--log-dir", args.out / "logs", "--seed", 1, "--final-video", False]
     words = ["-m", "stripe_newton.cli", "train", args.task, "--num-envs", args.num_envs, *options]
-    if args.ground == "flat":
-        words += ["--env.scene.scenery", author_flat(args.out / "flat.usda")]
+    if args.ground != "own":
+        words += ["--env.scene.scenery", author_flat(args.out / "flat.usda", stairs=args.ground == "stairs")]
+        words += ["--env.scene.scenery-options.start.num-spots", 1024]
     return [str(word) for word in words]
 
 
@@ -48,9 +50,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--task", default="Stripe-Velocity-Rough-Quadruped-v0")
-    parser.add_argument("--ground", choices=("flat", "own"), default="flat")
+    parser.add_argument("--ground", choices=("stairs", "flat", "own"), default="stairs")
     parser.add_argument("--num-envs", type=int, default=4096)
-    parser.add_argument("--iterations", type=int, default=700)
+    parser.add_argument("--iterations", type=int, default=1500)
     parser.add_argument("--device")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)

@@ -104,11 +104,12 @@ class Walkers:
 
 def configs_of_walk(run: str, flat: Path, args: argparse.Namespace) -> tuple[str, Configs, Path]:
     """Task, configs and checkpoint of a run, in the flat, undisturbed."""
-    checkpoint, folder = find_policy(run, "")
-    if checkpoint is None or folder is None:
-        sys.exit(f"{run}: there is no run")
-    task = folder.read_task()
-    configs = load_configs(task, folder)
+    checkpoint, folder = find_policy(run, args.task or "")
+    task = args.task or (folder.read_task() if folder is not None else "")
+    if checkpoint is None or not task:
+        sys.exit(f"{run}: there is no run; an exported policy without one takes --task")
+    is_exported = checkpoint.suffix == ".onnx"
+    configs = load_configs(task, None if is_exported else folder, agent=not is_exported)
     cfg, command = configs.env, configs.env.commands.base_velocity
     cfg.scene.num_envs, cfg.seed, cfg.scene.scenery = args.num_envs, args.seed, str(flat)
     cfg.sim.device, cfg.events.push_robot, cfg.episode_length_s = args.device, None, 2.0 * args.seconds
@@ -117,7 +118,8 @@ def configs_of_walk(run: str, flat: Path, args: argparse.Namespace) -> tuple[str
     view = cfg.viewer
     view.origin_type, view.eye, view.lookat, view.fov = "world", (-6.4, -6.6, 7.2), (-1.2, 0.6, 1.0), 48.0
     cfg.complete()  # for a scenery it has other terms
-    use_one_minibatch(configs.need_agent())
+    if configs.agent is not None:
+        use_one_minibatch(configs.agent)
     return task, configs, checkpoint
 
 
@@ -127,6 +129,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("run")
     parser.add_argument("film", type=Path)
+    parser.add_argument("--task", help="that of an exported policy without a run folder")
     parser.add_argument("--num-envs", type=int, default=32)
     parser.add_argument("--seconds", type=float, default=40.0)
     parser.add_argument("--speed", type=float, default=0.8)
