@@ -24,6 +24,8 @@ __all__ = [
     "interpolate_table",
     "mask_gains",
     "reset_drives",
+    "solver_drive",
+    "solver_feed",
 ]
 
 LAW_SOLVER = wp.constant(0)
@@ -233,6 +235,29 @@ def drive_explicit_joint(env: int, dof: int, pos: float, vel: float, drives: Joi
 
 
 @wp.func
+def solver_feed(feeds_velocity: bool, mode: int, kd: float, speed: float, effort: float, limit: float) -> float:
+    """Effort beside the solver's own drive, from numbers: see :func:`feed_solver_joint`."""
+    fed = wp.float32(0.0)
+    if feeds_velocity and mode == _POSITION:
+        fed = kd * speed
+    return clamp_number(effort + fed, -limit, limit)
+
+
+@wp.func
+def solver_drive(
+    mode: int, kp: float, kd: float, target: float, speed: float, effort: float, pos: float, vel: float
+) -> float:
+    """Effort that the solver's drive asks for, from numbers: see :func:`ask_solver_joint`."""
+    stiffness = kp
+    damping = kd
+    if mode != _POSITION and mode != _BOTH:
+        stiffness = wp.float32(0.0)
+        if mode != _VELOCITY:
+            damping = wp.float32(0.0)
+    return stiffness * (target - pos) + damping * (speed - vel) + effort
+
+
+@wp.func
 def feed_solver_joint(env: int, dof: int, drives: JointDrives) -> float:
     """Effort on a joint beside that of the solver's own drive; that of an explicit actuator stays as it is.
 
@@ -246,11 +271,15 @@ def feed_solver_joint(env: int, dof: int, drives: JointDrives) -> float:
     """
     if drives.law[dof] != LAW_SOLVER:
         return drives.effort[env, dof]
-    fed = wp.float32(0.0)
-    if drives.feeds_velocity and drives.mode[env, dof] == _POSITION:
-        fed = drives.damping[env, dof] * drives.vel_target[env, dof]
+    kd = wp.float32(0.0)
+    speed = wp.float32(0.0)
+    mode = wp.int32(0)
+    if drives.feeds_velocity:
+        kd = drives.damping[env, dof]
+        speed = drives.vel_target[env, dof]
+        mode = drives.mode[env, dof]
     limit = drives.effort_limit[env, dof]
-    return clamp_number(drives.effort_target[env, dof] + fed, -limit, limit)
+    return solver_feed(drives.feeds_velocity, mode, kd, speed, drives.effort_target[env, dof], limit)
 
 
 @wp.func
@@ -275,12 +304,8 @@ def ask_solver_joint(env: int, dof: int, pos: float, vel: float, drives: JointDr
         target = drives.pos_target[env, coord]
     kp = drives.stiffness[env, dof]
     kd = drives.damping[env, dof]
-    mode = drives.mode[env, dof]
-    if mode != _POSITION and mode != _BOTH:
-        kp = wp.float32(0.0)
-        if mode != _VELOCITY:
-            kd = wp.float32(0.0)
-    return kp * (target - pos) + kd * (drives.vel_target[env, dof] - vel) + drives.effort_target[env, dof]
+    speed = drives.vel_target[env, dof]
+    return solver_drive(drives.mode[env, dof], kp, kd, target, speed, drives.effort_target[env, dof], pos, vel)
 
 
 @wp.kernel(enable_backward=False)

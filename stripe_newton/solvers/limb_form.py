@@ -99,7 +99,8 @@ class LimbForm:
         """Numbers of four bytes in ``World`` of limb_world.h, of which the source asserts that they are no fewer."""
         model, dofs, hub = self.model, max(1, len(self.hub_dofs)), max(1, len(self.hub))
         size = model.nq + 4 * model.nv + max(1, model.nu) + turned_size(model) + 2
-        size += 3 * len(set(model.body_rootid.tolist())) + 7 * model.nbody + 6 * dofs + 12 * hub
+        size += 3 * len(set(model.body_rootid.tolist()))
+        size += max(7 * model.nbody + 6 * dofs + 12 * hub, 5 * model.nv + model.nq)
         links = (9 if self.losses else 6) * dofs + 11 * (hub + self.slots * self.limb_dofs)
         size += max(links + 6 * max(1, len(self.planes)), 6 * model.nbody)
         return size + 1 + size % 2

@@ -63,7 +63,11 @@ class NewtonLayout:
             "KINEMATIC": int(newton.BodyFlags.KINEMATIC),
             **{name: i for i, name in enumerate(_SOURCES)},
         }
-        return cls(sizes, joints | own | fixed | _controls(solver, sizes))
+        controls = _controls(solver, sizes)
+        places = joints["newton_coord"], joints["newton_dof"]
+        sizes["NEWTON_IN_ORDER"] = int(all(p == tuple(range(len(p))) for p in places))
+        sizes["CONTROLS_TOGETHER"] = _source_of_all(controls)
+        return cls(sizes, joints | own | fixed | controls)
 
 
 def _joints(solver: newton.solvers.SolverMuJoCo, worlds: int) -> dict[str, tuple[int, ...]] | None:
@@ -150,6 +154,14 @@ def _controls(solver: newton.solvers.SolverMuJoCo, sizes: dict[str, int]) -> dic
         rows.append((_SOURCES.index(row[0]), *row[1:]))
     columns = np.array(rows, dtype=int).reshape(-1, 3).T
     return {n: _ints(c) for n, c in zip(("control_source", "control_index", "control_dof"), columns, strict=True)}
+
+
+def _source_of_all(controls: dict[str, tuple[int, ...]]) -> int:
+    """The source of all controls, if they are targets that lie there one after another, else ``FROM_NOTHING``."""
+    sources, places = set(controls["control_source"]), controls["control_index"]
+    targets = _SOURCES.index("FROM_POSITIONS"), _SOURCES.index("FROM_VELOCITIES")
+    in_order = bool(places) and places == tuple(range(places[0], places[0] + len(places)))
+    return sources.pop() if in_order and len(sources) == 1 and sources <= set(targets) else 0
 
 
 def _ints(values: Iterable[int]) -> tuple[int, ...]:

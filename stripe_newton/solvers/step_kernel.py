@@ -14,11 +14,12 @@ import warp as wp
 from mujoco_warp import OverflowType
 
 import stripe_kernels
-from stripe_kernels.actuators import JointDrives, ask_solver_joint, drive_explicit_joint, feed_solver_joint
+from stripe_kernels.actuators import JointDrives
 from stripe_newton.compile_ahead import compile_ahead, wait_for
 from stripe_newton.generated_files import write_generated
 
 from .model_tables import PARAMETERS, TOUCHES, ModelTables
+from .step_body import PLACING, advance, find_world
 
 __all__ = [
     "BODY_SIZE", "CONTACTS", "NEWTON_IN", "NEWTON_MODEL", "NEWTON_OUT", "OUTPUTS", "READ", "STATE", "KernelOptions",
@@ -33,9 +34,9 @@ _SOURCES = (
 )  # fmt: skip
 _LIMB_SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "search_hits.h",
-    "contact_fields.h", "limb_world.h", "rows.h", "poses.h", "impedance.h", "geoms.h", "ground_parts.h",
-    "newton_state.h", "per_step.h", "launch.h", "limb_frames.h", "limb_parameters.h", "limb_dynamics.h",
-    "limb_ground.h", "limb_contacts.h", "limb_newton.h", "limb_step.h",
+    "contact_fields.h", "limb_world.h", "rows.h", "poses.h", "impedance.h", "geoms.h", "ground_parts.h", "copies.h",
+    "newton_state.h", "per_step.h", "launch.h", "limb_state.h", "limb_frames.h", "limb_parameters.h",
+    "limb_dynamics.h", "limb_ground.h", "limb_contacts.h", "limb_newton.h", "limb_step.h",
 )  # fmt: skip
 """Those of the form for a hub with limbs."""
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
@@ -342,14 +343,14 @@ def _python_source(source: str, options: KernelOptions, layout: Layout) -> str:
         [
             "import warp as wp",
             "from stripe_kernels.actuators import JointDrives, ask_solver_joint",
-            "from stripe_kernels.actuators import drive_explicit_joint, feed_solver_joint",
+            "from stripe_kernels.actuators import drive_explicit_joint, feed_solver_joint, solver_drive, solver_feed",
             "@wp.struct",
             "class Arguments:",
             *fields,
             f"@wp.func_native({library!r}.replace({_STRUCT!r}, Arguments.native_name))",
             "def library(): ...",
-            *_kernel("step", _steps(options), options, layout, bounds, options.per_step),
-            *([] if layout.is_limbs else _kernel("place", _PLACING, options, layout, bounds)),
+            *_kernel("step", advance(options), options, layout, bounds, options.per_step),
+            *([] if layout.is_limbs else _kernel("place", PLACING, options, layout, bounds)),
             "",
         ]
     )
@@ -363,7 +364,7 @@ def _kernel(
     bounds: str,
     per_step: frozenset[str] = frozenset(),
 ) -> list[str]:
-    body = "\n".join(["", *_world(options, layout), *work, ""])
+    body = "\n".join(["", *find_world(options, layout), *work, ""])
     memory = []
     if layout.in_shared:  # a tile, as it makes Warp ask for so much; it is the only one and thus at the start
         size = layout.worlds_per_block * layout.world_size + layout.tables_size // 4
@@ -372,6 +373,7 @@ def _kernel(
     called = ["        drive_explicit_joint(0, 0, 0.0, 0.0, drives)"] if "drives" in per_step else []
     if "solver_drives" in per_step:
         called += ["        feed_solver_joint(0, 0, drives)", "        ask_solver_joint(0, 0, 0.0, 0.0, drives)"]
+        called += ["        solver_feed(False, 0, 0.0, 0.0, 0.0, 0.0)", f"        solver_drive(0{', 0.0' * 7})"]
     more, given = (", drives: JointDrives", ", drives") if called else ("", "")
     called = ["    if steps < 0:", *called] if called else []
     return [
@@ -383,59 +385,6 @@ def _kernel(
         *called,
         *memory,
         f"    {name}_world(wp.tid(), m, num_worlds, steps{given})",
-    ]
-
-
-def _world(options: KernelOptions, layout: Layout) -> list[str]:
-    """Source that finds the world of a thread, and the memory of its state."""
-    lanes = options.lanes
-    lines = ["fused::share_tables();"] if layout.in_shared else []
-    lines += [f"const int lane = tid % {lanes}, id = tid / {lanes};", "if (id >= num_worlds) return;"]
-    memory = f"((real*)m.workspace + (long long)id * {layout.workspace_size})"
-    if layout.in_shared:
-        lines += [
-            "#ifdef __CUDA_ARCH__",
-            "fused::World& w = fused::in_place();",
-            "#else",
-            "fused::World w;",
-            "#endif",
-            *([] if layout.is_limbs else [f"if (lane == 0) w.spill = {memory};"]),
-        ]
-    elif lanes > 1:
-        lines.append(f"fused::World& w = *(fused::World*){memory};")
-    else:
-        lines.append("fused::World w;")
-    return [*lines, "const fused::Parameters P{m, id, num_worlds};"]
-
-
-_BEGIN = "fused::begin_steps(w, P, lane);"
-_PLACING = [_BEGIN, "fused::kinematics(w, P, lane);", "fused::write_geom_poses(w, P, lane);"]
-
-
-def _steps(options: KernelOptions) -> list[str]:
-    contacts, count = ("P.contacts()", "((int*)m.contact_count)[id]") if options.given_contacts else ("0", "0")
-    drive = f"[&](int dof, float q, float v) {{ return {drive_explicit_joint.native_func}(id, dof, q, v, drives); }}"
-    feed = f"[&](int id, int dof) {{ return {feed_solver_joint.native_func}(id, dof, drives); }}"
-    ask = f"[&](int id, int dof, float q, float v) {{ return {ask_solver_joint.native_func}(id, dof, q, v, drives); }}"
-    # A launch may be without actuators.
-    first = [f"if (drives.law.data) fused::give_efforts(w, P, {feed}, lane);"]
-    each = [f"    if (drives.law.data) fused::drive_joints(w, fused::fresh(P), {drive}, lane);"]
-    last = [f"        if (drives.law.data) fused::note_efforts(w, fused::fresh(P), {ask}, lane);"]
-    has_solver_drives = "solver_drives" in options.per_step
-    return [
-        *(first if has_solver_drives else []),
-        _BEGIN,
-        "for (int s = 0; s < steps; s++) {",
-        *(each if "drives" in options.per_step else []),
-        "#if HAS_NEWTON",
-        "    if (s == steps - 1) {",
-        "        fused::begin_last_step(w, fused::fresh(P), lane);",
-        *(last if has_solver_drives else []),
-        "    }",
-        "#endif",
-        f"    fused::step(w, P, {contacts}, {count}, s == steps - 1, lane);",
-        "}",
-        "fused::end_steps(w, fused::fresh(P), lane);",
     ]
 
 

@@ -38,6 +38,8 @@ _PRELUDE = """
 #define __forceinline__ inline
 #define __noinline__ __attribute__((noinline))
 #define __fdividef(a, b) ((a) / (b))
+#define COPY_ASYNC(to, from) *(to) = *(from)
+#define AWAIT_COPIES()
 #define __popc __builtin_popcount
 #define __shared__
 #define rsqrtf(x) (1 / sqrtf(x))
@@ -96,11 +98,11 @@ static void lane_of_world() {
     fused::World& world = worlds_there[at];
     const fused::Parameters P{*arguments, first_world + at, num_worlds};
     fused::begin_steps(world, P, lane);
-    for (int s = 0; s < steps; s++) {
+    for (int left = steps; left >= 0; left--) {
 #if HAS_NEWTON
-        if (s == steps - 1) fused::begin_last_step(world, P, lane);
+        if (left == 1) fused::begin_last_step(world, P, lane);
 #endif
-        fused::step(world, P, 0, 0, s == steps - 1, lane);
+        fused::step(world, P, 0, 0, left, lane);
     }
     fused::end_steps(world, P, lane);
     threadIdx.x = (own + 1) % lanes_there;

@@ -10,6 +10,7 @@ import warp as wp
 
 from stripe_newton.solvers import SolverFused
 from stripe_newton.solvers.contact_pairs import contact_pairs
+from stripe_newton.solvers.launch_arguments import ConvertedState, StepCall
 from stripe_newton.solvers.limb_form import LimbForm, why_no_limbs
 from tests.helpers.fused_step import compare
 from tests.helpers.lane_emulator import emulate
@@ -142,6 +143,38 @@ def test_worlds_with_parameters_of_their_own(ground):
     emulated(3)
     np.testing.assert_array_equal(data.nefc.numpy(), limb["nefc"])
     np.testing.assert_allclose(data.qvel.numpy(), limb["qvel"], rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize(("name", "lanes"), [("floating", 4), ("planar", 4), ("planar", 32)])
+def test_lanes_read_and_write_newtons_state(name, lanes):
+    """Those of a warp copy the rows of all of its worlds, fewer in the last warp, or of one in the general form."""
+    worlds, found = 11, []
+    model = walker_worlds(name, worlds)
+    solver = SolverFused(model, njmax=80, nconmax=20, kinematic_switchable_roots=False)
+    solver.limbs = lanes == 4
+    rng, control = np.random.default_rng(4), model.control()
+    for array in (control.joint_f, control.joint_target_q, control.joint_target_qd):
+        array.assign(rng.uniform(-0.3, 0.3, array.shape).astype(np.float32))
+    speeds = rng.uniform(-1.0, 1.0, model.joint_dof_count).astype(np.float32)
+    observables = solver.observables({solver.ObservableKind.QFRC_ACTUATOR})
+    before = wp.zeros(model.joint_dof_count, dtype=float, device="cpu")
+    for is_emulated in (False, True):
+        state, following = model.state(), model.state()
+        state.joint_qd.assign(speeds)
+        state.body_f.assign([[0.0, 3.0, 1.0, 0.1, 0.0, 0.0] if b == 5 else [0.0] * 6 for b in range(model.body_count)])
+        solver.mjw_data.qacc_warmstart.zero_()
+        if is_emulated:
+            emulated = emulate(solver, lanes)
+            converted = ConvertedState(state, following, control, observables, reads_state=True)
+            solver._call = StepCall(3, (None, before), state=converted, dt=0.005)
+            emulated(3)
+        else:
+            solver.step_many(state, following, control, 0.005, 3, observables, (None, before))
+        arrays = (following.joint_q, following.joint_qd, following.body_q, following.body_qd, before)
+        found.append([a.numpy() for a in (*arrays, observables.qfrc_actuator, solver.mjw_data.qfrc_applied)])
+    assert all(np.abs(array).max() > 0.01 for array in found[0])
+    for want, have in zip(*found, strict=True):
+        np.testing.assert_allclose(have, want, rtol=1e-4, atol=1e-4)
 
 
 def _net_forces(solver: SolverFused, forces: object) -> np.ndarray:

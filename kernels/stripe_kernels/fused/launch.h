@@ -35,8 +35,7 @@ FN void report_overflow(const Parameters& P, int bits) {
 #endif
 }
 
-FN void write_newton_bodies(World& w, const Parameters& P, int lane);
-
+#if !LIMBS  // else see limb_state.h
 // The state, controls and forces of a launch, into the world.
 FN void read_state(World& w, const Parameters& P, int lane) {
     const Rows r = rows_of(w, P, lane);
@@ -67,20 +66,7 @@ FN void read_state(World& w, const Parameters& P, int lane) {
     }
 #if HAS_NEWTON
     if (P.m.joint_f) read_newton_controls(w, P, lane);
-    else
 #endif
-    {
-#if LIMBS
-#if ACTUATORS
-        read_rows<NU>(
-            r, [&](const World&, int id, int i) { return IN_ROW(ctrl, id, i); },
-            [&](World& o, int id, int i, real x) { CONTROL(o, id, i) = x; });
-#endif
-        read_rows<NV>(
-            r, [&](const World&, int id, int i) { return IN_ROW(qfrc_applied, id, i); },
-            [&](World& o, int id, int i, real x) { APPLIED(o, id, i) = x; });
-#endif
-    }
     SYNC_WARP();
 #if HAS_NEWTON
     if (P.m.body_f && w.is_pushed) read_body_forces(w, P, lane);
@@ -100,18 +86,27 @@ FN void write_state(World& w, const Parameters& P, int lane) {
             *in_newton(P.m.efforts, id, NEWTON_DOFS, newton_dof(i)) = EFFORT(o, id, i);
         });
 #endif
-#if LIMBS
-    if (!HAS_NEWTON || !P.m.efforts)
-        write_rows<NV>(r, [&](const World& o, int id, int i) { IN_ROW(qfrc_actuator, id, i) = EFFORT(o, id, i); });
-#endif
 #if HAS_NEWTON
     if (P.m.joint_q_out) {
         convert_turned(w, P, lane);
         write_newton_joints(w, P, P.m.joint_q_out, P.m.joint_qd_out, lane);
+    }
+#endif
+}
+#endif
+
+// A launch goes through the code of a step once more, up to where bodies have moved, if somebody reads their poses: another copy
+// of that code would take longer to fetch than it runs. Returns whether this is it, and there is something to do.
+FN bool is_last_pass(World& w, const Parameters& P, int left, int lane) {
+#if HAS_NEWTON
+    if (KINEMATIC_BODIES && left == 0 && P.m.joint_q_out) {
+        SYNC();
         read_kinematic_joints(w, P, P.m.joint_q_out, P.m.joint_qd_out, lane);
         SYNC();
     }
-    if (P.m.body_q) write_newton_bodies(w, P, lane);
+    return left == 0 && P.m.body_q;
+#else
+    return false;
 #endif
 }
 
@@ -120,6 +115,16 @@ FN void write_state(World& w, const Parameters& P, int lane) {
 FN void begin_last_step(World& w, const Parameters& P, int lane) {
     if (!P.m.joint_qd_before && !P.m.computed_effort) return;
     convert_turned(w, P, lane);
+#if LIMBS
+    if (NEWTON_IN_ORDER && !KINEMATIC_BODIES && P.m.joint_qd_before && !P.m.joint_q_before) {
+        EACH(i, NV) w.effort[i] = newton_velocity(w, i);  // efforts of the step before are not needed any more
+        SYNC_WARP();
+        const Rows r = rows_of(w, P, lane);
+        send_row(r, NEWTON_ROW_OF(P.m.joint_qd_before, NEWTON_DOFS), r.first->effort, NEWTON_DOFS, NV);
+        SYNC_WARP();
+        return;
+    }
+#endif
     if (P.m.joint_qd_before) write_newton_joints(w, P, P.m.joint_q_before, P.m.joint_qd_before, lane);
 }
 

@@ -43,7 +43,10 @@ FN void set_contact(LimbContact& o, const World& w, const Parameters& P, const L
     for (int k = 0; k < 2; k++) o.friction[k] = slides ? 0 : friction[k];
     o.rows = slides ? 1 : 4;
 #if CONTACT_FORCES
-    o.pair = p, o.geom = geom, o.normal = n, o.tangent = t;
+    o.pair = p, o.normal = n, o.tangent = t;
+#if HAS_MESHES
+    o.geom = geom;
+#endif
 #endif
 }
 
@@ -192,6 +195,13 @@ FN Vec contact_force(const LimbContact& o) {
 }
 
 #if CONTACT_FORCES
+FN int first_geom(const LimbContact& o) {
+#if HAS_MESHES
+    return o.geom;
+#else
+    return contact_geom1(o.pair);
+#endif
+}
 // Geoms of the contacts, and their forces on the second one in the world. The first place without a contact has geoms of -1.
 FN void write_contact_forces(const Parameters& P, const LimbContact (*found)[LIMB_CONTACTS ? LIMB_CONTACTS : 1], const int* counts, int lane) {
     int mine = 0, before = 0, all;
@@ -204,7 +214,7 @@ FN void write_contact_forces(const Parameters& P, const LimbContact (*found)[LIM
             if (place >= MAX_CONTACTS) break;
             const LimbContact& o = found[l][c];
             Vec f = contact_force(o);
-            P.force_geoms()[2 * place] = o.geom, P.force_geoms()[2 * place + 1] = contact_geom2(o.pair);
+            P.force_geoms()[2 * place] = first_geom(o), P.force_geoms()[2 * place + 1] = contact_geom2(o.pair);
             store(P.contact_forces() + 3 * place, f.x * o.normal + f.y * o.tangent + f.z * cross(o.normal, o.tangent));
         }
     if (lane == 0 && all < MAX_CONTACTS) P.force_geoms()[2 * all] = P.force_geoms()[2 * all + 1] = -1;

@@ -78,11 +78,15 @@ FN void move_hub(World& w, const Parameters& P) {
     SYNC();
 }
 
-// Poses, motions and velocities of a limb, from the hub outwards. For each link `see(d, link, frame, v, a)` is called, with the
-// last degree of freedom that moves it. Loops stay loops: the code is run through once in a step, so that fetching it takes
-// longer than what is saved by copies of it.
-template <class See>
-FN void move_limb(World& w, const Parameters& P, int slot, Spatial* S, See see) {
+// How a limb moves: of each degree of freedom its motion, and velocity and acceleration, without that of the joints, of the
+// link that it moves.
+struct LimbMotion {
+    Spatial S[LD], v[LD], a[LD];
+};
+// Poses and motions of a limb, from the hub outwards. Loops stay loops: the code is run through once in a step, so that fetching
+// it takes longer than what is saved by copies of it.
+FN void move_limb(LimbMotion& o, World& w, const Parameters& P, int slot) {
+    for (int d = 0; d < LD; d++) o.S[d] = o.v[d] = o.a[d] = Spatial{{0, 0, 0}, {0, 0, 0}};
     Frame f = frame_of(w, limb_parent(slot));
     Spatial v{{0, 0, 0}, {0, 0, 0}}, a{{0, 0, 0}, {0, 0, 0}};
     if (limb_link(slot) >= 0) v = load_spatial(w.hub + 12 * limb_link(slot)), a = load_spatial(w.hub + 12 * limb_link(slot) + 6);
@@ -95,24 +99,24 @@ FN void move_limb(World& w, const Parameters& P, int slot, Spatial* S, See see) 
         Spatial s = joint_type(j) == SLIDE ? Spatial{{0, 0, 0}, axis} : Spatial{axis, cross(anchor, axis)};
         a = a + w.v[i] * cross_motion(v, s);
         v = v + w.v[i] * s;
-        S[d] = s;
+        o.S[d] = s, o.v[d] = v, o.a[d] = a;
         if (!ends_body(slot * LD + d)) continue;
         f.turn = normalized(f.turn);
         set_frame(w, link, f);
         ROLLED for (int t = weld_start(slot * LD + d); t < weld_start(slot * LD + d + 1); t++)
             set_frame(w, weld(t), hang(frame_of(w, body_parent(weld(t))), P, weld(t)));
-        see(d, link, f, v, a);
     }
 }
 
 // Force on a degree of freedom but for those of constraints, of which `bias` is what its bodies need, and what the implicit
 // step has beside the mass matrix there.
+template <bool IS_FREE>
 FN void set_joint_force(DofParts& o, World& w, const Parameters& P, int i, real bias) {
     const int j = dof_joint(i);
     const real v = w.v[i], h = P.step_size(), damping = P.damping()[i];
     real f = APPLIED(w, P.id, i) - bias - damping * v, total = 0;
     o.implicit = h * damping;
-    if (joint_type(j) != FREE) {
+    if (!IS_FREE && joint_type(j) != FREE) {
         const real q = w.q[joint_q(j)];
         f -= P.stiffness()[j] * (q - P.spring()[joint_q(j)]);
         ROLLED for (int t = dof_actuator_start(i); t < dof_actuator_start(i + 1); t++) {
@@ -128,14 +132,15 @@ FN void set_joint_force(DofParts& o, World& w, const Parameters& P, int i, real 
     o.smooth = f + total;
 }
 
-// The parts of the degree of freedom `i`. Returns its number of constraint rows.
+// The parts of the degree of freedom `i`, of which it may be known that it `IS_FREE`. Returns its number of constraint rows.
+template <bool IS_FREE = false>
 FN int set_dof_parts(DofParts& o, World& w, const Parameters& P, int i, real bias, int& overflow) {
     const int j = dof_joint(i);
     int count = 0;
     o.armature = P.armature()[i];
-    set_joint_force(o, w, P, i, bias);
+    set_joint_force<IS_FREE>(o, w, P, i, bias);
     o.sign = o.D = o.e = 0;
-    if (joint_limited(j)) {  // at one end: the model's range is wider than its margins
+    if (!IS_FREE && joint_limited(j)) {  // at one end: the model's range is wider than its margins
         const real q = w.q[joint_q(j)], low = q - P.range()[2 * j], high = P.range()[2 * j + 1] - q;
         const real margin = P.limit_margin()[j], pos = smaller(low, high);
         if (pos < margin) {
@@ -169,25 +174,26 @@ FN void set_rows(JointRows<N>& rows, int d, const DofParts& o) {
 
 // Mass matrix of a limb, but for armatures, and what its degrees of freedom need of force; `inertia` and `needed` become
 // those of all of it.
-FN void limb_forces(World& w, const Parameters& P, Limb& L, int slot, real* bias, real* inertia, Spatial& needed) {
+FN void limb_forces(World& w, const Parameters& P, Limb& L, const LimbMotion& motion, int slot, real* bias, real* inertia, Spatial& needed) {
     real X[LD * 10];
-    Spatial F[LD], S[LD];
+    Spatial F[LD];
     for (int k = 0; k < LD * 10; k++) X[k] = 0;
-    for (int d = 0; d < LD; d++) F[d] = S[d] = Spatial{{0, 0, 0}, {0, 0, 0}};
-    move_limb(w, P, slot, S, [&](int d, int link, Frame f, Spatial v, Spatial a) {
-        const int at = slot * LD + d;
+    for (int d = 0; d < LD; d++) F[d] = Spatial{{0, 0, 0}, {0, 0, 0}};
+    ROLLED for (int d = 0; d < limb_size(slot); d++) {
+        const int at = slot * LD + d, link = dof_body(limb_dof(at));
+        if (!ends_body(at)) continue;
         real I[10];
-        place_inertia(I, w.link[at], f);
+        place_inertia(I, w.link[at], frame_of(w, link));
         for (int k = 0; k < 10; k++) X[10 * d + k] = I[k];
-        F[d] = inertial_force(I, v, a);
-        if (w.link[at].special == 0) return;
+        F[d] = inertial_force(I, motion.v[d], motion.a[d]);
+        if (w.link[at].special == 0) continue;
         F[d] = F[d] + special_force(w, P, link);
         ROLLED for (int t = weld_start(at); t < weld_start(at + 1); t++) F[d] = F[d] + special_force(w, P, weld(t));
-    });
+    }
     for (int k = 0; k < 10; k++) inertia[k] = 0;
     needed = Spatial{{0, 0, 0}, {0, 0, 0}};
     const int attached = limb_parent(slot);
-    UNROLLED for (int d = 0; d < LD; d++) L.S[d] = S[d];
+    UNROLLED for (int d = 0; d < LD; d++) L.S[d] = motion.S[d];
     UNROLLED for (int d = LD - 1; d >= 0; d--) {
         for (int k = 0; k < 10; k++) inertia[k] += X[10 * d + k];
         needed = needed + F[d];
@@ -252,7 +258,7 @@ FN int hub_forces(World& w, const Parameters& P, Hub& H, JointRows<NH>& rows, co
     int count = 0;
     EACH(h, NH) {  // a lane some of them, for all lanes
         const int i = hub_dof(h);
-        count += set_dof_parts(w.hub_parts[h], w, P, i, dot(hub_motion(w, h), F[hub_dof_link(h)]), overflow);
+        count += set_dof_parts<HUB_IS_FREE && NH == 6>(w.hub_parts[h], w, P, i, dot(hub_motion(w, h), F[hub_dof_link(h)]), overflow);
     }
     SYNC();
     UNROLLED for (int h = 0; h < NH; h++) {
@@ -262,27 +268,23 @@ FN int hub_forces(World& w, const Parameters& P, Hub& H, JointRows<NH>& rows, co
             H.C[PACKED(h, k)] = HUB_IS_CHAIN || is_moved_by(b, hub_dof(k)) ? dot(hub_motion(w, k), U) : 0;
         const DofParts& o = w.hub_parts[h];
         H.C[PACKED(h, h)] += o.armature, H.smooth[h] = o.smooth, H.implicit[h] = o.implicit, H.a[h] = w.a[i];
-        set_rows(rows, h, o);
+        if (h >= FIRST_HUB_ROW) set_rows(rows, h, o);
     }
     return count;
 }
 
 #if HAS_NEWTON
-// Poses and velocities of all bodies as Newton has them. What is known of links is overwritten.
-FN void write_newton_bodies(World& w, const Parameters& P, int lane) {
-    move_hub(w, P);
-    for (int l = 0; l < NL; l++) {
-        const int slot = slot_of(l, lane);
-        Spatial S[LD];
-        move_limb(w, P, slot, S, [&](int d, int link, Frame, Spatial v, Spatial) {
-            const int first = weld_start(slot * LD + d) - 1, last = weld_start(slot * LD + d + 1);
-            ROLLED for (int t = first; t < last; t++) {  // the link, and what is welded to it
-                const int b = t == first ? link : weld(t);
+// Poses and velocities of all bodies as Newton has them, once they have moved. What is known of links is overwritten.
+FN void write_newton_bodies(World& w, const Parameters& P, const LimbMotion* motion, int lane) {
+    for (int l = 0; l < NL; l++)
+        ROLLED for (int d = 0, at = slot_of(l, lane) * LD; d < limb_size(slot_of(l, lane)); d++, at++) {
+            if (!ends_body(at)) continue;
+            ROLLED for (int first = weld_start(at) - 1, t = first; t < weld_start(at + 1); t++) {  // the link, and its welds
+                const int b = t == first ? dof_body(limb_dof(at)) : weld(t);
                 const Frame f = frame_of(w, b);
-                keep_velocity(w.velocities + 6 * b, P, b, f.x, f.turn, v);
+                keep_velocity(w.velocities + 6 * b, P, b, f.x, f.turn, motion[l].v[d]);
             }
-        });
-    }
+        }
     const Spatial still{{0, 0, 0}, {0, 0, 0}};
     EACH(i, HUB_BODIES + NSTATIC) {
         int b = i < HUB_BODIES ? hub_body(i) : static_body(i - HUB_BODIES);

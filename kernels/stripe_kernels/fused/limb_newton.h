@@ -90,7 +90,7 @@ FN Line line_at(const LimbContacts& contact, const Constraints& K, const Hub& H,
             }
         }
     }
-    UNROLLED for (int h = 0; h < NH; h++) add_joint_rows(hub, K.hub, H.s, h, step);
+    UNROLLED for (int h = FIRST_HUB_ROW; h < NH; h++) add_joint_rows(hub, K.hub, H.s, h, step);
     return Line{SUM(o.value) + hub.value + step * q1 + (real)0.5 * step * step * q2,
                 SUM(o.slope) + hub.slope + q1 + step * q2, SUM(o.curvature) + hub.curvature + q2};
 }
@@ -144,7 +144,9 @@ FN int constrained_acceleration(Hub& H, Limb* limb, LimbContacts& contact, Const
             }
             norm = SUM(norm);
             UNROLLED for (int h = 0; h < NH; h++) {
-                H.g[h] = H.Ma[h] - H.smooth[h] - SUM(pull[h]) - row_force(K.hub, h, hub_weight[h]);
+                H.g[h] = H.Ma[h] - H.smooth[h] - SUM(pull[h]);
+                if (h < FIRST_HUB_ROW) hub_weight[h] = 0;
+                else H.g[h] -= row_force(K.hub, h, hub_weight[h]);
                 norm += H.g[h] * H.g[h];
             }
             if (iterations >= MAX_ITERATIONS || (iterations && scale * SQRT(norm) < TOLERANCE)) done = true;
@@ -254,14 +256,14 @@ FN int constrained_acceleration(Hub& H, Limb* limb, LimbContacts& contact, Const
         q1 = SUM(q1), q2 = SUM(q2), fall = SUM(fall);
         UNROLLED for (int h = 0; h < NH; h++) {
             q1 += H.s[h] * (H.Ma[h] - H.smooth[h]), q2 += H.s[h] * H.Ms[h], fall -= H.s[h] * H.g[h];
-            K.hub.js[h] = K.hub.sign[h] * H.s[h];
+            if (h >= FIRST_HUB_ROW) K.hub.js[h] = K.hub.sign[h] * H.s[h];
         }
         real gain, step = line_search(contact, K, H, limb, q1, q2, LINE_TOLERANCE * (2 * FABS(q1) + fall), done || !has_rows, gain);
         if (!has_rows) step = 1, gain = (real)0.5 * fall;
         if (done) continue;
         UNROLLED for (int h = 0; h < NH; h++) {
             H.a[h] += step * H.s[h], H.Ma[h] += step * H.Ms[h];
-            advance_rows(K.hub, H.s, h, step);
+            if (h >= FIRST_HUB_ROW) advance_rows(K.hub, H.s, h, step);
         }
         for (int l = 0; l < NL; l++) {
             Limb& L = limb[l];

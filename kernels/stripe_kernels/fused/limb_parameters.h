@@ -24,21 +24,26 @@ FN void clear(LinkParameters& o) {
 // Links and planes of a world. Frames of its bodies are overwritten.
 FN void gather_parameters(World& w, const Parameters& P, int lane) {
     const Frame own{{0, 0, 0}, {1, 0, 0, 0}};
-    for (int l = 0; l < NL; l++)
-        ROLLED for (int at = slot_of(l, lane) * LD; at < slot_of(l, lane) * LD + limb_size(slot_of(l, lane)); at++) {
-            const int link = dof_body(limb_dof(at));
-            clear(w.link[at]);
-            if (!ends_body(at)) continue;
-            set_frame(w, link, own);
-            add_to_link(w.link[at], P, w.is_pushed, link, own);
-            ROLLED for (int t = weld_start(at); t < weld_start(at + 1); t++) {
-                const int b = weld(t);
-                const Frame g = hang(frame_of(w, body_parent(b)), P, b);
+    for (int l = 0; l < NL; l++) {
+        const int slot = slot_of(l, lane), size = limb_size(slot);
+        // After the limb the hub's bodies, which lanes share.
+        const int hub = l == NL - 1 ? (HUB_BODIES - lane + LANES - 1) / LANES : 0;
+        ROLLED for (int d = 0; d < size + hub; d++) {
+            const bool of_hub = d >= size;
+            const int at = slot * LD + d, i = (d - size) * LANES + lane;
+            LinkParameters& o = of_hub ? w.hub_link[i] : w.link[at];
+            clear(o);
+            if (!of_hub && !ends_body(at)) continue;
+            const int link = of_hub ? hub_body(i) : dof_body(limb_dof(at)), welds = of_hub ? 0 : weld_start(at + 1) - weld_start(at);
+            ROLLED for (int t = -1; t < welds; t++) {  // the link, and what is welded to it
+                const int b = t < 0 ? link : weld(weld_start(at) + t);
+                Frame g = own;
+                if (t >= 0) g = hang(frame_of(w, body_parent(b)), P, b);
                 set_frame(w, b, g);
-                add_to_link(w.link[at], P, w.is_pushed, b, g);
+                add_to_link(o, P, w.is_pushed, b, g);
             }
         }
-    EACH(i, HUB_BODIES) clear(w.hub_link[i]), add_to_link(w.hub_link[i], P, w.is_pushed, hub_body(i), own);
+    }
     EACH(i, NPLANES) {
         const int g = plane(i);
         const Geom at = geom_of(w, P, g);

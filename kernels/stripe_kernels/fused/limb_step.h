@@ -3,10 +3,14 @@
 
 namespace fused {
 
-FN void begin_steps(World& w, const Parameters& P, int lane) {
-    read_state(w, P, lane);
+template <class Ask, class Drive>
+FN void begin_steps(World& w, const Parameters& P, Ask ask_drives, Drive drive, int lane) {
+    read_state(w, P, ask_drives, drive, lane);
     place_static_bodies(w, P, lane);
     gather_parameters(w, P, lane);
+}
+FN void begin_steps(World& w, const Parameters& P, int lane) {
+    begin_steps(w, P, [](const Rows&) { return false; }, [] {}, lane);
 }
 FN void end_steps(World& w, const Parameters& P, int lane) { write_state(w, P, lane); }
 
@@ -39,7 +43,10 @@ FN void integrate(World& w, const Parameters& P, const Hub& H, const Limb* limb,
     SYNC();
 }
 
-FN void step(World& w, const Parameters& P, const real*, int, bool last, int lane) {
+// One of the steps of a launch, of which `left` are left with this one; see `is_last_pass`.
+FN void step(World& w, const Parameters& P, const real*, int, int left, int lane) {
+    const bool is_last = is_last_pass(w, P, left, lane);
+    if (left == 0 && !is_last) return;
     together(P);
     lane = fresh(lane) % LANES;
     Hub H;
@@ -49,8 +56,17 @@ FN void step(World& w, const Parameters& P, const real*, int, bool last, int lan
     real inertia[NL][10], bias[NL][LD];
     Spatial needed[NL];
     int rows = 0, overflow = 0;
+    LimbMotion motion[NL];
     move_hub(w, fresh(P));
-    for (int l = 0; l < NL; l++) limb_forces(w, fresh(P), limb[l], slot_of(l, lane), bias[l], inertia[l], needed[l]);
+    for (int l = 0; l < NL; l++) move_limb(motion[l], w, fresh(P), slot_of(l, lane));
+#if HAS_NEWTON
+    if (is_last) {
+        SYNC();
+        write_newton_bodies(w, fresh(P), motion, lane);
+        return;
+    }
+#endif
+    for (int l = 0; l < NL; l++) limb_forces(w, fresh(P), limb[l], motion[l], slot_of(l, lane), bias[l], inertia[l], needed[l]);
     SYNC();
     rows = hub_forces(w, fresh(P), H, K.hub, inertia, needed, lane, overflow);
     for (int l = 0; l < NL; l++) {
@@ -68,10 +84,10 @@ FN void step(World& w, const Parameters& P, const real*, int, bool last, int lan
     const int iterations = constrained_acceleration(H, limb, contact, K, rows > 0);
     if (lane == 0) {
         if (overflows) report_overflow(P, overflows);
-        if (last) *P.nefc() = rows, *P.solver_niter() = iterations;
+        if (left == 1) *P.nefc() = rows, *P.solver_niter() = iterations;
     }
 #if CONTACT_FORCES
-    if (last && P.m.force_geoms) write_contact_forces(fresh(P), contact, K.contacts, lane);
+    if (left == 1 && P.m.force_geoms) write_contact_forces(fresh(P), contact, K.contacts, lane);
 #endif
     integrate(w, fresh(P), H, limb, lane);
 #if VELOCITY_LIMITS

@@ -15,6 +15,7 @@ enum {
     LD = LIMB_DOFS,
     NH = HUB_DOFS,
     COLUMNS = NH + LD,    // degrees of freedom that a contact of a limb, or of the hub, may move
+    FIRST_HUB_ROW = HUB_IS_FREE && !LOSSES ? 6 : 0,  // those of the hub before it have no rows: nothing limits a free joint
 };
 
 // Bodies that move as one: a link, and what is welded to it.
@@ -36,7 +37,9 @@ enum {
     LINK_SIZE = 11,
     PARTS_SIZE = LOSSES ? 9 : 6,
     LINKS_SIZE = PARTS_SIZE * (NH ? NH : 1) + LINK_SIZE * (SOME_HUB + NSLOTS * LD) + 6 * (NPLANES ? NPLANES : 1),
-    WORLD_SIZE = NQ + 4 * NV + NU + NTURNED + 3 * NTREES + 7 * NB + 6 * (NH ? NH : 1) + 12 * SOME_HUB + 2 +
+    BODIES_SIZE = 7 * NB + 6 * (NH ? NH : 1) + 12 * SOME_HUB,
+    DRIVES_SIZE = 5 * NV + NQ,
+    WORLD_SIZE = NQ + 4 * NV + NU + NTURNED + 3 * NTREES + (BODIES_SIZE > DRIVES_SIZE ? BODIES_SIZE : DRIVES_SIZE) + 2 +
                  (LINKS_SIZE > 6 * NB ? LINKS_SIZE : 6 * NB),
 };
 struct World {
@@ -48,9 +51,14 @@ struct World {
     float turned[NTURNED];          // free joints and balls as Newton has them
     int has_kinematic, is_pushed;   // whether a body is kinematic, and whether external wrenches act
     real origin[NTREES * 3];        // of each tree: where its root body is, in the world [m]; tree 0 is the world
-    real pos[NB * 3], quat[NB * 4]; // body frames relative to the origin of their tree
-    real S[6 * (NH ? NH : 1)];      // motion of each degree of freedom of the hub
-    real hub[12 * SOME_HUB];        // velocity, and acceleration without that of the joints, of its bodies
+    union {
+        struct {
+            real pos[NB * 3], quat[NB * 4];  // body frames relative to the origin of their tree
+            real S[6 * (NH ? NH : 1)];       // motion of each degree of freedom of the hub
+            real hub[12 * SOME_HUB];         // velocity, and acceleration without that of the joints, of its bodies
+        };
+        real drive_rows[DRIVES_SIZE];  // between steps: what efforts of drives follow from, see per_step.h
+    };
     union {
         struct {  // in all steps
             LinkParameters hub_link[SOME_HUB], link[NSLOTS * LD];  // of the hub's bodies; of limbs at the last freedom of a body
@@ -127,7 +135,10 @@ struct LimbContact {
     real D, friction[2];
     int rows;
 #if CONTACT_FORCES
-    int pair, geom;  // and its first geom
+    int pair;
+#if HAS_MESHES  // else another number would be one too many for the registers of a GPU
+    int geom;  // the first one
+#endif
     Vec normal, tangent;
 #endif
 };

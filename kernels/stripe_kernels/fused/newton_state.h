@@ -102,6 +102,7 @@ FN bool is_turning(int j) { return joint_type(j) == FREE || joint_type(j) == BAL
 FN int coordinates(int j) { return joint_type(j) == FREE ? 7 : joint_type(j) == BALL ? 4 : 1; }
 FN int velocities(int j) { return joint_type(j) == FREE ? 6 : joint_type(j) == BALL ? 3 : 1; }
 
+FN void convert_read_joints(World& w, const Parameters& P, int lane);
 // All joints: first the numbers as they are, then those are converted in place that Newton has otherwise.
 FN void read_newton_joints(World& w, const Parameters& P, int lane) {
     const Rows r = rows_of(w, P, lane);
@@ -112,6 +113,10 @@ FN void read_newton_joints(World& w, const Parameters& P, int lane) {
         r, [&](const World&, int id, int i) { return *in_newton(P.m.joint_qd_in, id, NEWTON_DOFS, newton_dof(i)); },
         [](World& o, int, int i, real x) { o.v[i] = x; });
     SYNC_WARP();
+    convert_read_joints(w, P, lane);
+}
+// Those that Newton has otherwise, of numbers as they are.
+FN void convert_read_joints(World& w, const Parameters& P, int lane) {
     EACH(j, NJ) {
         if (!is_turning(j) && !P.m.dof_ref) continue;
         float q[7], v[6];
@@ -124,6 +129,19 @@ FN void read_newton_joints(World& w, const Parameters& P, int lane) {
 FN void convert_turned(World& w, const Parameters& P, int lane) {
     EACH(j, NJ)
         if (is_turning(j)) write_newton_joint(w, P, j, w.turned + turned_start(j), w.turned + turned_start(j) + coordinates(j));
+    SYNC_WARP();
+}
+// All joints as Newton has them in the place of MuJoCo's, after `convert_turned`.
+FN void convert_written_joints(World& w, const Parameters& P, int lane) {
+    EACH(j, NJ) {
+        real *q = w.q + joint_q(j), *v = w.v + joint_v(j);
+        if (is_turning(j)) {
+            const float* turned = w.turned + turned_start(j);
+            ROLLED for (int k = 0; k < coordinates(j); k++) q[k] = turned[k];
+            ROLLED for (int k = 0; k < velocities(j); k++) v[k] = turned[coordinates(j) + k];
+        } else
+            q[0] -= reference(P, P.id, newton_v(j));
+    }
     SYNC_WARP();
 }
 // Velocity of a degree of freedom as Newton has it, after `convert_turned`.
@@ -204,6 +222,34 @@ FN void find_pushed(const Rows& r, const Parameters& P) {
         [](World& o, int, int, real x) { if (x != 0) o.is_pushed = 1; });
 }
 
+// Forces on joints of kinematic bodies are none.
+FN void keep_controls(World& w, const Parameters& P, int lane) {
+    if (KINEMATIC_BODIES && w.has_kinematic)
+        EACH(i, NV)
+            if (moves_kinematic(w, P, P.id, dof_joint(i))) APPLIED(w, P.id, i) = 0;
+#if LIMBS  // where no controls are given, those before go on
+    SYNC_WARP();
+    const Rows r = rows_of(w, P, lane);
+#if ACTUATORS
+    send_row(r, ROW_TO(ctrl, ctrl), NU);
+#endif
+    send_row(r, ROW_TO(qfrc_applied, applied), NV);
+#endif
+}
+// Controls and forces on joints whose numbers have been read as they are.
+FN void finish_controls(World& w, const Parameters& P, int lane) {
+#if ACTUATORS
+    if (P.m.dof_ref && P.m.joint_target_q && control_source(0) == FROM_POSITIONS)
+        EACH(u, NU) CONTROL(w, P.id, u) += reference(P, P.id, control_dof(u));
+#endif
+    EACH(i, NV) {
+        const int j = dof_joint(i);
+        if (!is_turning(j)) continue;
+        if (joint_type(j) == FREE && APPLIED(w, P.id, i) != 0) w.is_pushed = 1;
+        APPLIED(w, P.id, i) = 0;  // of balls see `read_ball_torques`
+    }
+    keep_controls(w, P, lane);
+}
 // Controls of the actuators, and forces on joints.
 FN void read_newton_controls(World& w, const Parameters& P, int lane) {
     const Rows r = rows_of(w, P, lane);
@@ -228,16 +274,7 @@ FN void read_newton_controls(World& w, const Parameters& P, int lane) {
             if (joint_type(j) == FREE && x != 0) o.is_pushed = 1;
         });
     SYNC_WARP();
-    if (KINEMATIC_BODIES && w.has_kinematic)
-        EACH(i, NV)
-            if (moves_kinematic(w, P, P.id, dof_joint(i))) APPLIED(w, P.id, i) = 0;
-#if LIMBS  // where no controls are given, those before go on
-    SYNC_WARP();
-#if ACTUATORS
-    write_rows<NU>(r, [&](const World& o, int id, int u) { IN_ROW(ctrl, id, u) = CONTROL(o, id, u); });
-#endif
-    write_rows<NV>(r, [&](const World& o, int id, int i) { IN_ROW(qfrc_applied, id, i) = APPLIED(o, id, i); });
-#endif
+    keep_controls(w, P, lane);
 }
 #endif
 

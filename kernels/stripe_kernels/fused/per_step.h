@@ -6,6 +6,12 @@
 #if HAS_NEWTON
 namespace fused {
 
+// Whether rows of drives are copied into the state, see copies.h.
+#define ROWS_OF_DRIVES (LIMBS && SOLVER_DRIVES && !DRIVES && NEWTON_IN_ORDER && NEWTON_TARGETS <= NQ)
+#if ROWS_OF_DRIVES
+FN void place_static_bodies(World& w, const Parameters& P, int lane);
+#endif
+
 #if DRIVES
 // Efforts of explicit actuators. `drive(dof, position, velocity)` returns the effort of one of Newton's degrees of freedom
 // of this world; what it remembers, such as delayed targets, advances by a step. Joints of other kinds have none.
@@ -21,7 +27,66 @@ FN void drive_joints(World& w, const Parameters& P, Drive drive, int lane) {
 }
 #endif
 
-#if SOLVER_DRIVES
+#if ROWS_OF_DRIVES
+// The same two as below where all joints are driven by the solver, and their rows lie in Newton's arrays as in the state.
+enum DriveRow { EFFORT_TARGETS = 0, LIMITS = NV, STIFFNESS = NV, DAMPING = 2 * NV, VELOCITY_TARGETS = 3 * NV, MODES = 4 * NV, TARGETS = 5 * NV };
+template <class Array>
+FN void ask_drive_row(const Rows& r, int place, const Array& array, int row_size, int size) {
+    ask_row(r, r.first->drive_rows + place, (const real*)array.data + (long long)r.id * row_size, row_size, size);
+}
+FN int mode_in(const World& w, int i) {  // integers are copied as they are
+    int mode;
+    memcpy(&mode, w.drive_rows + MODES + i, 4);
+    return mode;
+}
+// Ask for what efforts follow from; return whether there are drives.
+template <class Drives>
+FN bool ask_efforts(const Rows& r, const Parameters& P, const Drives& drives) {
+    if (!drives.law.data || !P.m.joint_f) return false;
+    ask_drive_row(r, EFFORT_TARGETS, drives.effort_target, NEWTON_DOFS, NV);
+    ask_drive_row(r, LIMITS, drives.effort_limit, NEWTON_DOFS, NV);
+    if (drives.feeds_velocity) {
+        ask_drive_row(r, DAMPING, drives.damping, NEWTON_DOFS, NV);
+        ask_drive_row(r, VELOCITY_TARGETS, drives.vel_target, NEWTON_DOFS, NV);
+        ask_drive_row(r, MODES, drives.mode, NEWTON_DOFS, NV);
+    }
+    return true;
+}
+// `feed(mode, damping, velocity target, effort target, limit)` returns the effort of a degree of freedom.
+template <class Feed>
+FN void give_asked_efforts(World& w, const Parameters& P, Feed feed, int lane) {
+    const real* x = w.drive_rows;
+    EACH(i, NV) w.applied[i] = feed(mode_in(w, i), x[DAMPING + i], x[VELOCITY_TARGETS + i], x[EFFORT_TARGETS + i], x[LIMITS + i]);
+    SYNC_WARP();
+    const Rows r = rows_of(w, P, lane);
+    send_row(r, NEWTON_ROW_OF(P.m.joint_f, NEWTON_DOFS), r.first->applied, NEWTON_DOFS, NV);
+    SYNC_WARP();
+}
+// `ask(mode, stiffness, damping, target, velocity target, effort target, position, velocity)` returns what a drive asks for.
+template <class Drives, class Ask>
+FN void note_asked_efforts(World& w, const Parameters& P, const Drives& drives, Ask ask, int lane) {
+    if (!P.m.computed_effort) return;
+    const Rows r = rows_of(w, P, lane);
+    ask_drive_row(r, EFFORT_TARGETS, drives.effort_target, NEWTON_DOFS, NV);
+    ask_drive_row(r, STIFFNESS, drives.stiffness, NEWTON_DOFS, NV);
+    ask_drive_row(r, DAMPING, drives.damping, NEWTON_DOFS, NV);
+    ask_drive_row(r, VELOCITY_TARGETS, drives.vel_target, NEWTON_DOFS, NV);
+    ask_drive_row(r, MODES, drives.mode, NEWTON_DOFS, NV);
+    ask_drive_row(r, TARGETS, drives.pos_target, NEWTON_TARGETS, NEWTON_TARGETS);
+    await_rows();
+    const real* x = w.drive_rows;
+    EACH(i, NV) {
+        const int j = dof_joint(i), coord = drives.coord.data[i];
+        const real q = is_turning(j) ? 0 : w.q[joint_q(j)] - reference(P, P.id, i);
+        w.effort[i] = ask(mode_in(w, i), x[STIFFNESS + i], x[DAMPING + i], coord < 0 ? 0 : x[TARGETS + coord], x[VELOCITY_TARGETS + i],
+                          x[EFFORT_TARGETS + i], q, newton_velocity(w, i));
+    }
+    SYNC_WARP();
+    send_row(r, NEWTON_ROW_OF(P.m.computed_effort, NEWTON_DOFS), r.first->effort, NEWTON_DOFS, NV);
+    SYNC_WARP();
+    place_static_bodies(w, P, lane);  // in the place of those rows
+}
+#elif SOLVER_DRIVES
 // Efforts on joints beside those of the solver's own drives, into Newton's forces on joints, before these are read.
 // `effort(id, dof)` returns that of one of Newton's degrees of freedom of the world `id`.
 template <class Effort>

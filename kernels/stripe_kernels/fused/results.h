@@ -5,9 +5,8 @@
 namespace fused {
 
 #if HAS_NEWTON
-// Poses and velocities of bodies at the end of a launch.
+// Poses and velocities of bodies that have moved.
 FN void write_newton_bodies(World& w, const Parameters& P, int lane) {
-    kinematics(w, P, lane);
     EACH(b, NB)
         keep_velocity(body_velocities(w) + 6 * b, P, b, load(w.pos + 3 * b), load_quat(w.quat + 4 * b), load_spatial(w.V + 6 * b));
     write_body_rows(w, P, lane);

@@ -36,7 +36,11 @@ FN bool is_in_rows(const Rows& r, int k, int i, int size) { return i < size && (
 // the same number of all worlds, so that what depends on the number alone is computed once.
 template <int N, int AT_ONCE = IN_FLIGHT, class Get, class Put>
 FN void read_rows(const Rows& r, Get get, Put put) {
-    enum { WORLDS = AT_ONCE < WORLDS_OF_WARP ? AT_ONCE : WORLDS_OF_WARP, TURNS = AT_ONCE / WORLDS };
+    enum {
+        WORLDS = AT_ONCE < WORLDS_OF_WARP ? AT_ONCE : WORLDS_OF_WARP,
+        NEEDED = (N + WORLDS_OF_WARP * LANES - 1) / (WORLDS_OF_WARP * LANES),
+        TURNS = NEEDED < AT_ONCE / WORLDS ? (NEEDED ? NEEDED : 1) : AT_ONCE / WORLDS,
+    };
     ROLLED for (int at = r.start; at < N; at += TURNS * r.step)
         ROLLED for (int first = 0; first < WORLDS_OF_WARP; first += WORLDS) {
             real x[TURNS][WORLDS];

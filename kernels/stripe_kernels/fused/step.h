@@ -100,15 +100,23 @@ FN void begin_steps(World& w, const Parameters& P, int lane) {
 }
 FN void end_steps(World& w, const Parameters& P, int lane) { write_state(w, P, lane); }
 
-// One time step. `given` are contacts that the caller found, beside those that are found here. In the `last` of a launch
-// results are written where somebody reads them.
-FN void step(World& w, const Parameters& P, const real* given, int given_count, bool last, int lane) {
+// One time step. `given` are contacts that the caller found, beside those that are found here. Of the steps of a launch `left` are left with
+// this one, see `is_last_pass`; in the last of them results are written where somebody reads them.
+FN void step(World& w, const Parameters& P, const real* given, int given_count, int left, int lane) {
+    const bool is_last = is_last_pass(w, P, left, lane), last = left == 1;
+    if (left == 0 && !is_last) return;
     together(P);
     lane = fresh(lane) % LANES;
 #if HAS_NEWTON && NBALLS
-    read_ball_torques(w, fresh(P), lane);
+    if (left) read_ball_torques(w, fresh(P), lane);
 #endif
     kinematics(w, fresh(P), lane);
+#if HAS_NEWTON
+    if (is_last) {
+        write_newton_bodies(w, fresh(P), lane);
+        return;
+    }
+#endif
 #if WRENCHES
     apply_external_wrenches(w, fresh(P), lane);
 #endif
