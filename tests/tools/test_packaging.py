@@ -23,7 +23,9 @@ from tools.checks.release_version import problems
 
 NOTEBOOK = ROOT / "docs" / "notebooks" / "first_steps.ipynb"
 PYPROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-SOURCES = [p for part in ("stripe_newton", "kernels", "tasks") for p in (ROOT / part).rglob("*.[ph]*") if p.is_file()]
+SOURCES = [
+    p for part in ("stripe_newton", "kernels", "tasks") for p in (ROOT / part).rglob("*") if p.suffix in (".py", ".h")
+]
 
 
 def test_the_version_stands_in_one_place():
