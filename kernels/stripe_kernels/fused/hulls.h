@@ -77,29 +77,6 @@ struct FaceCorners {
     FN_METHOD Vec operator[](int i) const { return vertex_of(hull, list[i]); }
 };
 
-// Area of a quadrilateral with corners in a plane, times two.
-FN real area(Vec a, Vec b, Vec c, Vec d) {
-    Vec n = cross(a - c, b - d);
-    return SQRT(dot(n, n));
-}
-
-// Let the quadrilateral of the corners `a`, q[0], q[1] and q[2] of a polygon grow while one of them, the last one first, can
-// move to the next corner. Whenever it grows it is the `best`.
-template <class Corners>
-FN void grow(const Corners& corner, int sides, int a, int* q, real& largest, int* best) {
-    for (int k = 2; k < 3;) {
-        int next[3] = {q[0], q[1], q[2]};
-        next[k] = (q[k] + 1) % sides;
-        real size = area(corner[a], corner[next[0]], corner[next[1]], corner[next[2]]);
-        if (size > largest) {
-            largest = size, q[k] = next[k];
-            best[0] = a, best[1] = q[0], best[2] = q[1], best[3] = q[2];
-            k = k > 0 ? k - 1 : 0;
-        } else
-            k++;
-    }
-}
-
 // Contacts with a plane: the lowest vertex, and of the face at it that faces the plane most up to three more with a large area.
 // Source: mjc_PlaneConvex of MuJoCo 3.17.
 FN void plane_hull(Hits& hits, real margin, const Geom& plane, const Geom& geom, const Hull& h) {
