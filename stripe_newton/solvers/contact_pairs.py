@@ -12,8 +12,8 @@ import numpy as np
 from .hulls import suits_hulls
 
 __all__ = [
-    "MESH_KINDS", "ROUTINES", "RULES", "ContactPair", "contact_pairs", "is_curved", "is_of_hulls", "is_searched", "listed_pairs",
-    "parts_of", "work_of",
+    "MESH_KINDS", "ROUTINES", "RULES", "ContactPair", "contact_pairs", "is_curved", "is_of_hulls", "is_searched",
+    "listed_pairs", "parts_of", "work_of",
 ]  # fmt: skip
 
 _G = mujoco.mjtGeom
@@ -40,6 +40,9 @@ KINDS = {
     (_G.mjGEOM_CYLINDER, _G.mjGEOM_BOX): "CYLINDER_BOX",
     (_G.mjGEOM_PLANE, _G.mjGEOM_MESH): "PLANE_HULL",
     (_G.mjGEOM_SPHERE, _G.mjGEOM_MESH): "SPHERE_HULL",
+    (_G.mjGEOM_CAPSULE, _G.mjGEOM_MESH): "CAPSULE_HULL",
+    (_G.mjGEOM_ELLIPSOID, _G.mjGEOM_MESH): "ELLIPSOID_HULL",
+    (_G.mjGEOM_CYLINDER, _G.mjGEOM_MESH): "CYLINDER_HULL",
     (_G.mjGEOM_BOX, _G.mjGEOM_MESH): "BOX_HULL",
     (_G.mjGEOM_MESH, _G.mjGEOM_MESH): "HULL_HULL",
     (_G.mjGEOM_HFIELD, _G.mjGEOM_SPHERE): "FIELD_SPHERE",
@@ -155,12 +158,16 @@ def work_of(pair: ContactPair) -> int:
         return 6 if "CORNER" in pair.kind else 7 if pair.kind in ("MESH_AXIS", "MESH_BOX") else 5
     if is_searched(pair):
         return 4
-    return 2 + (pair.kind != "PLANE_HULL") if is_of_hulls(pair.kind) else int(pair.kind in _LONG or is_curved(pair.kind))
+    return (
+        2 + (pair.kind != "PLANE_HULL") if is_of_hulls(pair.kind) else int(pair.kind in _LONG or is_curved(pair.kind))
+    )
 
 
 def is_curved(kind: str) -> bool:
-    """Whether a kind of pairs has a cylinder or an ellipsoid, and no triangles; those of planes and cylinders are plain."""
-    return kind != "PLANE_CYLINDER" and not kind.startswith("FIELD") and ("CYLINDER" in kind or "ELLIPSOID" in kind)
+    """Whether the contacts of a kind of pairs are found by curved.h."""
+    if kind == "PLANE_CYLINDER" or kind.startswith("FIELD"):
+        return False
+    return kind == "CAPSULE_HULL" or "CYLINDER" in kind or "ELLIPSOID" in kind
 
 
 def is_of_hulls(kind: str) -> bool:

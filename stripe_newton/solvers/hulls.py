@@ -16,12 +16,14 @@ import warp as wp
 if TYPE_CHECKING:
     from .contact_pairs import ContactPair
 
-__all__ = ["Hull", "HullTables", "hull_numbers", "sides_of_pairs", "suits_hulls"]
+__all__ = ["CAP_SIDES", "Hull", "HullTables", "hull_numbers", "sides_of_pairs", "suits_hulls"]
 
 _LEAST_FOR_GRAPH = 10
 """Vertices of a mesh from which on MuJoCo climbs its graph, rather than to look at all of them."""
 _MOST_EDGES = 2**18
 """Products of the numbers of edges of two hulls for which the kernel tries all pairs of them."""
+CAP_SIDES = 16
+"""Sides of the polygon that stands for a cap of a cylinder, as in MuJoCo."""
 _MOST_SIDES = 40
 """Sides of two faces together, of which a thread holds the polygon that both share."""
 _RECORD = np.dtype(
@@ -162,12 +164,12 @@ def sides_of_pairs(model: mujoco.MjModel, pairs: Iterable[ContactPair]) -> int:
         model: The compiled model.
         pairs: Pairs of geoms.
     """
-    hulls = [pair for pair in pairs if pair.kind in ("BOX_HULL", "HULL_HULL")]
+    hulls = [pair for pair in pairs if pair.kind in ("CYLINDER_HULL", "BOX_HULL", "HULL_HULL")]
     return max((_counts(model, p.geom1).sides + _counts(model, p.geom2).sides for p in hulls), default=0)
 
 
 def suits_hulls(model: mujoco.MjModel, kind: str, geom1: int, geom2: int, margin: float) -> bool:
-    """Whether the kernel finds the contacts of a pair of hulls, or of a plane or a sphere and a hull.
+    """Whether the kernel finds the contacts of a pair of which the second geom, or both, are meshes with hulls.
 
     Args:
         model: The compiled model.
@@ -177,9 +179,11 @@ def suits_hulls(model: mujoco.MjModel, kind: str, geom1: int, geom2: int, margin
         margin: Margin of the pair [m]. Hulls that do not overlap have no contacts.
     """
     second = _counts(model, geom2)
-    if kind in ("PLANE_HULL", "SPHERE_HULL") or not second.is_closed:
+    if kind in ("PLANE_HULL", "SPHERE_HULL", "CAPSULE_HULL", "ELLIPSOID_HULL") or not second.is_closed:
         return second.is_closed
     first = _counts(model, geom1)
+    if kind == "CYLINDER_HULL":
+        return first.sides + second.sides <= _MOST_SIDES
     few = first.edges * second.edges <= _MOST_EDGES and first.sides + second.sides <= _MOST_SIDES
     return first.is_closed and few and margin <= 0.0
 
@@ -197,6 +201,8 @@ class _Counts:
 def _counts(model: mujoco.MjModel, geom: int) -> _Counts:
     if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
         return _Counts(12, 4, True)
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return _Counts(48, CAP_SIDES, True)
     mesh = int(model.geom_dataid[geom])
     first, faces = int(model.mesh_polyadr[mesh]), int(model.mesh_polynum[mesh])
     if not faces:

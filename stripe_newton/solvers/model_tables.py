@@ -23,7 +23,7 @@ from .contact_pairs import (
     parts_of,
     work_of,
 )
-from .hulls import hull_numbers, sides_of_pairs
+from .hulls import CAP_SIDES, hull_numbers, sides_of_pairs
 from .limb_form import LimbForm
 from .newton_layout import NewtonLayout
 from .topology import (
@@ -280,8 +280,6 @@ _NEAR_FLAGS = {"ALWAYS_NEAR": 1 << 24, "IN_TREES": 1 << 25, "ON_PLANE": 1 << 26}
 """How a pair is tested: not at all, as its margin is its own; across trees; a plane and a ball."""
 _NEAR_SIZE = 32
 """Numbers of four bytes of the list of pairs that may touch."""
-_CURVED_SIDES = 32
-"""Corners of the polygon that two caps of cylinders share at most, as curved.h has them."""
 TOUCHES = 24
 """Touches of a world's searches that there is room for; where there are more, the searches are finished in parts."""
 _PATCH_SIZE = 14
@@ -306,7 +304,7 @@ def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, obj
         "HAS_SEARCHES": int(any(map(is_searched, pairs))),
         "HAS_HULLS": int(any(is_of_hulls(p.kind) for p in pairs)),
         "HAS_CURVED": int(any(is_curved(p.kind) for p in pairs)),
-        "POLYGON_SIDES": max(1, sides_of_pairs(model, pairs), *(_CURVED_SIDES * is_curved(p.kind) for p in pairs)),
+        "POLYGON_SIDES": max(1, sides_of_pairs(model, pairs), *(2 * CAP_SIDES * is_curved(p.kind) for p in pairs)),
         "FIRST_HULL_PAIR": sum(not is_searched(p) and not is_of_hulls(p.kind) for p in pairs),
         "FIRST_SEARCHED_PAIR": sum(not is_searched(p) for p in pairs),
         "NSEARCHED_GEOMS": len(_searched_geoms(pairs)),
@@ -320,7 +318,7 @@ def _options(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, o
     return {
         "FREE": 0, "BALL": 1, "SLIDE": 2, "HINGE": 3, **{name: i for i, name in enumerate(RULES)},
         **{name: i for i, name in enumerate(ROUTINES)},
-        **{f"{shape}_SHAPE": i + 1 for i, shape in enumerate(_SHAPES.values())}, **_NEAR_FLAGS,
+        **{f"{shape}_SHAPE": i + 1 for i, shape in enumerate((*_SHAPES.values(), "HULL"))}, **_NEAR_FLAGS,
         **{f"HAS_{name}": int(any(p.kind == name for p in pairs)) for name in ROUTINES},
         "SEARCHES_BOXES": int(any(p.kind in ("FIELD_BOX", "MESH_BOX") for p in pairs)),
         "ELLIPTIC_CONES": int(opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC),

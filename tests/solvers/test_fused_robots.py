@@ -60,7 +60,10 @@ ARMATURE = 0.005
 """Least reflected inertia of motors [kg m^2]: mjlab's configs of Go1 and G1 have 0.004 to 0.025, their files none.
 Without it inertias of G1 differ by five orders, and in single precision velocities have errors of 3e-6, as those of
 MuJoCo Warp have."""
-RIM = {"crazyflie": "MuJoCo chooses points on the rim of an upright cylinder by rounding"}
+RIM = {
+    "crazyflie": "MuJoCo chooses points on the rim of an upright cylinder by rounding",
+    "anymal_c": "MuJoCo counts an end of a cylinder's edge twice in one of a hundred states",
+}
 """Robots that take MuJoCo's contacts although the kernel has routines for all of them, and why."""
 
 SINGLE = {"humanoid": (3e-6, 1e-4), "crazyflie": (1e-6, 2e-3)}

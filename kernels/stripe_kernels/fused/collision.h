@@ -121,8 +121,8 @@ FN Polytope first_polytope(const Hull* hulls, const Parameters& P, int p, const 
     return Polytope{hulls[number], scale, axes, to_second * (g.a.pos - g.b.pos)};
 }
 
-// Contacts of hulls with planes, balls, boxes and each other behind the first `count` ones, in the order of the pairs. All
-// lanes look at the hulls that are near, one pair after another. Returns the number of all contacts.
+// Contacts of hulls behind the first `count` ones, in the order of the pairs. A lane finds those with a plane or a curved geom; all
+// lanes look at balls, boxes and hulls that are near, one pair after another. Returns the number of all contacts.
 FN int collide_hulls(World& w, const Parameters& P, int count, int lane) {
     const Hull* hulls = (const Hull*)P.m.hulls;
     ROLLED for (int first = FIRST_HULL_PAIR; first < FIRST_SEARCHED_PAIR; first += LANES) {
@@ -136,6 +136,12 @@ FN int collide_hulls(World& w, const Parameters& P, int count, int lane) {
             const PairGeoms g = geoms_of(w, P, p);
             const Hull& second = hulls[contact_hull(2 * p + 1)];
             if (contact_kind(p) == PLANE_HULL) plane_hull(hits, margin_of(P, p), g.a, g.b, second);
+#if HAS_CURVED
+            else if (contact_kind(p) == CAPSULE_HULL || contact_kind(p) == ELLIPSOID_HULL || contact_kind(p) == CYLINDER_HULL) {
+                const int shape = geom_shape(contact_geoms(2 * p));
+                curved_hull(hits, margin_of(P, p), shape, g.a, radius_of(shape, g.a.size), g.b, second);
+            }
+#endif
             else near = are_near(first_polytope(hulls, P, p, g), second);
         }
         ROLLED for (unsigned votes = BALLOT(near); votes; votes &= votes - 1) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Curved: contacts of cylinders and ellipsoids with each other and with spheres, capsules and boxes, as MuJoCo's mjc_Convex and
-// mjc_SphereCylinder find them.
+// Curved: contacts of cylinders and ellipsoids with each other and with spheres, capsules and boxes, and of cylinders, ellipsoids
+// and capsules with hulls of meshes, as MuJoCo's mjc_Convex and mjc_SphereCylinder find them.
 //
 // A body is a *core* with a radius around it: a sphere is a point, a capsule is a line, others are their own core. Cores that
 // are apart have nearest points. Of those that overlap the contact is where the overlap is least. Both are found from the
@@ -21,13 +21,15 @@ namespace fused {
 #define MOST_STEPS 40
 #endif
 
+struct Hull;
 struct Core {
     Geom at;
     int shape;
     real radius;
+    const Hull* hull;  // of a shape that is a HULL_SHAPE
 };
-FN Core core_of(int shape, const Geom& geom) {
-    return Core{geom, shape, shape == BALL_SHAPE || shape == CAPSULE_SHAPE ? geom.size.x : 0};
+FN Core core_of(int shape, const Geom& geom, const Hull* hull = nullptr) {
+    return Core{geom, shape, shape == BALL_SHAPE || shape == CAPSULE_SHAPE ? geom.size.x : 0, hull};
 }
 
 FN Vec unit(Vec v, Vec otherwise) {
@@ -40,6 +42,9 @@ FN Vec farthest(const Core& core, Vec direction) {
     if (core.shape == BALL_SHAPE) return core.at.pos;
     const Vec d = transposed(core.at.axes) * direction, s = core.at.size;
     Vec p = corner_towards(d, s);  // of a box
+#if HAS_HULLS
+    if (core.shape == HULL_SHAPE) p = vertex_of(*core.hull, support(*core.hull, d));
+#endif
     if (core.shape == CAPSULE_SHAPE) p = Vec{0, 0, d.z >= 0 ? s.y : -s.y};
     if (core.shape == CYLINDER_SHAPE) {
         const Vec out = s.x * unit(Vec{d.x, d.y, 0}, Vec{0, 0, 0});
@@ -56,7 +61,7 @@ FN Vec farthest(const Core& core, Vec direction) {
 struct Corner {
     Vec at, first;
 };
-FN Corner corner(const Core& a, const Core& b, Vec direction) {
+ONE_COPY Corner corner(const Core& a, const Core& b, Vec direction) {
     const Vec p = farthest(a, direction);
     return Corner{p - farthest(b, -1 * direction), p};
 }
@@ -81,7 +86,7 @@ FN Vec first_at(const Simplex& s) {
 
 // Weights of the point of a triangle that is nearest to the origin. Source: C. Ericson, "Real-Time Collision Detection", 2005,
 // section 5.1.5, with the regions of Voronoi.
-FN void triangle_weights(Vec a, Vec b, Vec c, real* weight) {
+ONE_COPY void triangle_weights(Vec a, Vec b, Vec c, real* weight) {
     const Vec ab = b - a, ac = c - a;
     const real d1 = -dot(ab, a), d2 = -dot(ac, a), d3 = -dot(ab, b), d4 = -dot(ac, b), d5 = -dot(ab, c), d6 = -dot(ac, c);
     const real va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2;
@@ -192,7 +197,7 @@ struct Exit {
     Vec normal, at, first;
     real height;
 };
-FN Exit leave(const Core& a, const Core& b, Vec ray) {
+ONE_COPY Exit leave(const Core& a, const Core& b, Vec ray) {
     Corner p[3];
     p[0] = corner(a, b, ray);
     const Vec low = dot(ray, p[0].at) * ray, aside = p[0].at - low;
@@ -294,16 +299,24 @@ FN Meeting overlap(const Core& a, const Core& b) {
     return best;
 }
 
-// A face of a cylinder, as 16 corners, or of a box: the one that faces in a direction most, with its corners as MuJoCo has them.
+// A face of a cylinder, as 16 corners, of a box or of a hull: the one that faces in a direction most, with its corners as MuJoCo
+// has them.
 struct Side {
+    const Core& body;
     Vec corner[16], normal;
-    int count;
+    int count, face;  // the face of a hull
 };
-FN Vec corner_of(const Side& side, int, int i) { return side.corner[i]; }
+FN Vec corner_of(const Side& side, int, int i) {
+#if HAS_HULLS
+    if (side.body.shape == HULL_SHAPE) return side.body.at.pos + side.body.at.axes * corner_of(*side.body.hull, side.face, i);
+#endif
+    return side.corner[i];
+}
 FN Vec normal_of(const Side& side, int) { return side.normal; }
 FN int sides_of(const Side& side, int) { return side.count; }
 
-FN bool side_towards(const Core& core, Vec direction, Side& side) {
+FN bool find_side(Side& side, Vec direction) {
+    const Core& core = side.body;
     const Vec d = transposed(core.at.axes) * direction, s = core.at.size;
     side.count = 0;
     if (core.shape == CYLINDER_SHAPE) {
@@ -326,11 +339,21 @@ FN bool side_towards(const Core& core, Vec direction, Side& side) {
             side.corner[i] = core.at.pos + core.at.axes * p;
         }
     }
-    return side.count > 0 && dot(side.normal, direction) > 0;
+#if HAS_HULLS
+    if (core.shape == HULL_SHAPE) {
+        real best = 0;
+        for (int f = 0; f < core.hull->num_faces; f++) {
+            const real facing = dot(normal_of(*core.hull, f), d);
+            if (facing > best) best = facing, side.face = f;
+        }
+        if (best > 0) side.normal = core.at.axes * normal_of(*core.hull, side.face), side.count = sides_of(*core.hull, side.face);
+    }
+#endif
+    return side.count > 0 && dot(side.normal, direction) > SQRT(SAME_DIRECTION);
 }
 
 // The edge of a body that is farthest in a direction and most parallel to a plane with the normal `n`: the line of a capsule or
-// of the side of a cylinder, or an edge of a box.
+// of the side of a cylinder, or an edge of a box or a hull.
 FN bool edge_towards(const Core& core, Vec direction, Vec n, Vec& from, Vec& to) {
     int k = 2;
     Vec middle{0, 0, 0};
@@ -344,30 +367,58 @@ FN bool edge_towards(const Core& core, Vec direction, Vec n, Vec& from, Vec& to)
     }
     const Vec axis = column(core.at.axes, k), center = core.at.pos + core.at.axes * middle + core.radius * direction;
     from = center - half * axis, to = center + half * axis;
+#if HAS_HULLS
+    if (core.shape == HULL_SHAPE) {
+        const Hull& hull = *core.hull;
+        const int vertex = support(hull, d), *corners = hull.corners + hull.corners[vertex];
+        const Vec up = transposed(core.at.axes) * n, start = vertex_of(hull, vertex);
+        real least = EDGE_ALIGNED;
+        bool found = false;
+        for (int i = 0; i < (hull.corners[vertex + 1] - hull.corners[vertex]) / 2; i++) {
+            const Vec end = vertex_of(hull, corners[2 * i + 1]), along = unit(end - start, up);
+            if (!(FABS(dot(along, up)) < least)) continue;
+            least = FABS(dot(along, up)), found = true;
+            from = core.at.pos + core.at.axes * start, to = core.at.pos + core.at.axes * end;
+        }
+        return found;
+    }
+#endif
     return core.shape != ELLIPSOID_SHAPE && core.shape != BALL_SHAPE && FABS(dot(axis, n)) < EDGE_ALIGNED;
 }
 
 // Contacts of two bodies: several where a face or an edge of one lies on a face of the other.
-COLD void core_contacts(Hits& hits, real margin, int shape_a, const Geom& geom_a, int shape_b, const Geom& geom_b) {
-    const Core a = core_of(shape_a, geom_a), b = core_of(shape_b, geom_b);
+COLD void core_contacts(Hits& hits, real margin, int shape_a, const Geom& geom_a, int shape_b, const Geom& geom_b,
+                        const Hull* hull = nullptr) {
+    const Core a = core_of(shape_a, geom_a), b = core_of(shape_b, geom_b, hull);
     Meeting m;
     const Relation relation = approach(a, b, margin + a.radius + b.radius, m);
     if (relation == OVERLAPPING) m = overlap(a, b);
     if (relation == APART || !(-m.depth < margin)) return;
     const Vec n = m.normal;
-    Side on_a, on_b;
+    Side on_a{a}, on_b{b};
     Vec from, to;
-    // A face of a box faces the other one's; an edge lies on the face that the contact's normal is of.
-    const bool has_a = side_towards(a, n, on_a), has_b = side_towards(b, has_a ? -1 * on_a.normal : -1 * n, on_b);
+    // A face of a box faces the other one's. Only where the second body has no face may its edge lie on one of the first.
+    const bool has_a = find_side(on_a, n), has_b = find_side(on_b, has_a ? -1 * on_a.normal : -1 * n);
     if (has_a && has_b && dot(on_a.normal, on_b.normal) < -FACES_ALIGNED && dot(on_a.normal, n) > EDGE_ALIGNED &&
         dot(on_b.normal, n) < -EDGE_ALIGNED)
         face_contacts(hits, on_a, 0, on_b, 0, margin);
-    else if (side_towards(b, -1 * n, on_b) && dot(on_b.normal, n) < (real)-0.5 && edge_towards(a, n, on_b.normal, from, to))
-        edge_contacts(hits, from, to, on_b, 0, -1 * on_b.normal, margin);
-    else if (has_a && dot(on_a.normal, n) > (real)0.5 && edge_towards(b, -1 * n, on_a.normal, from, to))
+    else if (find_side(on_b, -1 * n)) {
+        if (edge_towards(a, n, on_b.normal, from, to)) edge_contacts(hits, from, to, on_b, 0, -1 * on_b.normal, margin);
+    } else if (has_a && edge_towards(b, -1 * n, on_a.normal, from, to))
         edge_contacts(hits, from, to, on_a, 0, on_a.normal, margin);
     if (hits.count == 0) add(hits, -m.depth, m.middle, n, Vec{0, 0, 0});
 }
+
+#if HAS_HULLS
+// Contacts of a body with the hull of a mesh, which most often is apart from the ball of `radius` around the body.
+FN void curved_hull(Hits& hits, real margin, int shape, const Geom& geom, real radius, const Geom& mesh, const Hull& hull) {
+    const Vec center{hull.center[0], hull.center[1], hull.center[2]}, half{hull.half[0], hull.half[1], hull.half[2]};
+    Vec out = magnitudes(transposed(mesh.axes) * (geom.pos - mesh.pos) - center) - half;
+    out = Vec{larger(out.x, 0), larger(out.y, 0), larger(out.z, 0)};
+    if (dot(out, out) < (radius + margin) * (radius + margin))
+        core_contacts(hits, margin, shape, geom, HULL_SHAPE, mesh, &hull);
+}
+#endif
 
 // The contact with a plane of the point of an ellipsoid that is lowest.
 FN void plane_ellipsoid(Hits& hits, real margin, const Geom& plane, const Geom& ellipsoid) {
