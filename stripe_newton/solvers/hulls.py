@@ -183,7 +183,7 @@ def suits_hulls(model: mujoco.MjModel, kind: str, geom1: int, geom2: int, margin
         return second.is_closed
     first = _counts(model, geom1)
     if kind == "CYLINDER_HULL":
-        return first.sides + second.sides <= _MOST_SIDES
+        return second.sides <= _MOST_SIDES
     few = first.edges * second.edges <= _MOST_EDGES and first.sides + second.sides <= _MOST_SIDES
     return first.is_closed and few and margin <= 0.0
 
