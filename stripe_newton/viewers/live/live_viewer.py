@@ -19,6 +19,7 @@ from stripe_newton.viewers.token_server import TokenServer
 from stripe_newton.viewers.viewer_cfg import ViewerCfg
 
 from .backdrop import Backdrop
+from .browser_pace import BrowserPace
 from .camera_control import CameraControl
 from .camera_pictures import CameraPictures
 from .checkpoint_panel import CheckpointPanel, Checkpoints
@@ -139,7 +140,7 @@ class LiveViewer:
         with tabs.add_tab("View"):
             self.envs = EnvChoice(gui, self.inbox, sim.env_origins, env_ids, self._show_chosen)
             self.camera = CameraControl(server, gui, self.inbox, sim, self._cfg)
-            self.overlays = Overlays(server, gui, self.inbox, sim, env)
+            self.overlays = Overlays(server, gui, self.inbox, sim, env, self.camera.view_frame)
             self.pictures = None if env is None else CameraPictures(server, gui, self.inbox, env)
         self.camera.look_at(self.scene, self.envs.chosen)
         self._backdrop = Backdrop(server, sim.lights, self.camera.radius, self.camera.azimuth)
@@ -155,6 +156,7 @@ class LiveViewer:
             with tabs.add_tab("Policy"):
                 self.policy = CheckpointPanel(gui, self.inbox, checkpoints, self._begin_returns)
         self._broken = set[str]()
+        self._pace = BrowserPace(server)
         self._panels = self._make_updates()
         self._draw()
 
@@ -302,7 +304,8 @@ class LiveViewer:
         self.inbox.run()
         self._tell_problems()
         now = time.monotonic()
-        if (at_once or now >= self._next_picture) and self.has_clients():
+        is_due = now >= self._next_picture and self._pace.is_ready()
+        if (at_once or is_due) and self.has_clients():
             self._next_picture = now + self._interval
             self._draw()
 
@@ -310,12 +313,15 @@ class LiveViewer:
     def _draw(self) -> None:
         with wp.ScopedDevice(self._sim.device), self.server.atomic():
             chosen = self.envs.chosen
-            self.scene.update()
+            self.scene.read()
             drags = self.pushes is not None and self.pushes.is_dragging
             self.camera.update(self.scene, chosen, stands=drags)
-            self._backdrop.update(self.camera.center, self.camera.rotation)
+            frame = self.camera.view_frame
+            self.scene.place(frame)
+            self._backdrop.update(frame)
             for name, update in self._panels.items():
                 self._try(name, update)
+        self._pace.count_picture(self.camera.fov_rad)
 
     def _make_updates(self) -> dict[str, Callable[[], None]]:
         """What each panel does at a picture, by name."""
