@@ -7,11 +7,11 @@ import math
 import time
 from typing import TYPE_CHECKING
 
-import newton
 import numpy as np
 
 from stripe_newton.viewers.camera_framing import Follower, frame_points, good_azimuth
 from stripe_newton.viewers.poses import yaw_of
+from stripe_newton.viewers.roaming import roaming_body
 from stripe_newton.viewers.viewed_simulation import ViewedSimulation
 from stripe_newton.viewers.viewer_cfg import ViewerCfg
 
@@ -189,15 +189,13 @@ class CameraControl:
 
 
 def _followed_body(sim: ViewedSimulation, cfg: ViewerCfg) -> int | None:
-    """Body of an environment that the camera can follow: that of ``cfg.asset_name``, else the first that is free."""
+    """Body that the camera can follow: that of ``cfg.asset_name``, else the first that may go anywhere."""
     labels = [str(label).lower().split("/") for label in sim.template.body_label]
     if cfg.asset_name is not None:
         found = [i for i, parts in enumerate(labels) if cfg.asset_name.lower() in parts]
         if found:
             return found[0]
-    free = int(newton.JointType.FREE)
-    joints = zip(sim.template.joint_type, sim.template.joint_parent, sim.template.joint_child)
-    return next((int(child) for kind, parent, child in joints if int(parent) < 0 and int(kind) == free), None)
+    return roaming_body(sim.template)
 
 
 def _triple(point: np.ndarray) -> tuple[float, float, float]:
