@@ -102,7 +102,7 @@ class LiveViewer:
         self._cfg = viewer_cfg_of(self._env) if cfg is None else cfg
         self._cfg.validate()
         shown = range(min(self._sim.num_envs, _MOST_AT_FIRST)) if env_ids is None else env_ids
-        self._interval, self._next_picture = 1.0 / fps, 0.0
+        self._interval, self._next_look = 1.0 / fps, 0.0
         self._outside: TokenServer | None = None
         # The port that was asked for is the token server's, where there is one.
         self._server = _serve(port if host in _LOOPBACK else _free_port(), title or "stripe-newton")
@@ -304,10 +304,14 @@ class LiveViewer:
         self.inbox.run()
         self._tell_problems()
         now = time.monotonic()
-        is_due = now >= self._next_picture and self._pace.is_ready()
-        if (at_once or is_due) and self.has_clients():
-            self._next_picture = now + self._interval
+        if not self.has_clients() or (now < self._next_look and not at_once):
+            return
+        self._next_look = now + self._interval
+        if at_once or self._pace.is_ready():
             self._draw()
+        elif (plots := self.plots) is not None:  # a slow browser gets few pictures, but whole curves
+            with wp.ScopedDevice(self._sim.device), torch.no_grad():
+                self._try("plots", lambda: plots.sample(self.time.steps * self._step_dt))
 
     @torch.no_grad()
     def _draw(self) -> None:
