@@ -71,6 +71,8 @@ def configclass(cls: type[T]) -> type[T]:
 
         OPEN: ClassVar[tuple[type, ...]] = (RewardTermCfg,)
 
+    A group whose fields are all terms of one kind takes further ones: ``cfg.rewards.upright = RewardTermCfg(...)``.
+
     A class whose subclasses may lack the decorator says so; they get it, with a warning::
 
         ADOPTS_SUBCLASSES: ClassVar[bool] = True
@@ -238,7 +240,23 @@ def _checked(init: Callable[..., None]) -> Callable[..., None]:
 
 def _may_add(obj: Config, value: object) -> bool:
     """Whether a config may get a further field of this value."""
-    return isinstance(value, getattr(type(obj), "OPEN", ()))
+    return isinstance(value, _open_types(obj))
+
+
+def _open_types(obj: Config) -> tuple[type, ...]:
+    """Types of the values of further fields: those that the class names, or for a plain group of terms their type."""
+    declared: tuple[type, ...] | None = getattr(type(obj), "OPEN", None)
+    if declared is not None:
+        return declared
+    kinds = {_term_type(value) for value in vars(obj).values() if value is not None}
+    found = [kind for kind in kinds if kind is not None]
+    return tuple(found) if len(kinds) == 1 else ()
+
+
+def _term_type(value: object) -> type | None:
+    """The base class of a term, such as ``CommandTermCfg``; None for other values."""
+    bases = [base for base in type(value).__mro__ if "MAY_BE_NONE" in vars(base)]
+    return bases[-1] if bases else None
 
 
 def _refusal(obj: Config, name: str, value: object) -> str:

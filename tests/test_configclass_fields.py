@@ -12,7 +12,7 @@ import pytest
 
 from stripe_newton.configclass import ConfigError, config_with, configclass
 from stripe_newton.envs import mdp
-from stripe_newton.managers import RewardTermCfg
+from stripe_newton.managers import RewardTermCfg, TerminationTermCfg
 from stripe_newton.value_types import PositiveFloat, PositiveInt
 
 
@@ -48,6 +48,24 @@ def test_an_open_config_takes_further_fields_of_its_kind():
     for wrong in (lambda: BoxCfg(hand=1), lambda: setattr(box, "lable", "x")):
         with pytest.raises(TypeError, match=r"BoxCfg has no field '.*; a new field must be PartCfg, is "):
             wrong()
+
+
+@configclass
+class GroupCfg:
+    """A plain group of terms, as Isaac Lab's files have it."""
+
+    alive: RewardTermCfg = RewardTermCfg(func=mdp.is_alive, weight=1.0)
+
+
+def test_a_group_of_terms_takes_further_terms_of_its_kind():
+    group = GroupCfg()
+    group.upright = RewardTermCfg(func=mdp.flat_orientation_l2, weight=-1.0)
+    assert [f.name for f in dataclasses.fields(group)] == ["alive", "upright"]
+    assert group.copy() == group
+    with pytest.raises(AttributeError, match="GroupCfg has no field 'alife'; did you mean 'alive'"):
+        group.alife = 2.0
+    with pytest.raises(AttributeError, match="GroupCfg has no field 'fallen'"):
+        group.fallen = TerminationTermCfg(func=mdp.time_out)
 
 
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, BoxCfg.copy, lambda c: pickle.loads(pickle.dumps(c))])

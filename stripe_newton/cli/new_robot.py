@@ -80,7 +80,7 @@ def robot_values(file: Path, floating: bool | None = None) -> dict[str, str]:
     if floating is None or not undecided:
         floating = report.articulations[0].base == "floating"
     path, keyframe = file.resolve(), _keyframe(kind.name, file)
-    start = {} if keyframe else _start(joints)
+    start = {} if keyframe else _start(joints, floating)
     weight = 9.81 * sum(body.mass for body in report.bodies)
     values = {
         "FILE": str(path),
@@ -135,13 +135,26 @@ def _name(joint: JointRow) -> str:
     return joint.path.rpartition("/")[2]
 
 
-def _start(joints: list[JointRow]) -> dict[str, float]:
-    """Positions of joints that cannot be at zero: the middle of their range."""
-    return {
-        _name(j): round(0.5 * (j.lower + j.upper), 3)
-        for j in joints
-        if math.isfinite(j.lower + j.upper) and not j.lower <= 0.0 <= j.upper
-    }
+def _start(joints: list[JointRow], floating: bool) -> dict[str, float]:
+    """Positions of joints that cannot be at zero: the middle of their range.
+
+    Such a joint of a robot that stands is a knee. The hip above it turns back by half, which puts the foot below it.
+    """
+    knees = [j for j in joints if math.isfinite(j.lower + j.upper) and not j.lower <= 0.0 <= j.upper]
+    middles = {j.child: 0.5 * (j.lower + j.upper) for j in knees}
+    start = {j.child: middles[j.child] for j in knees}
+    for knee in knees if floating else []:
+        back = -0.5 * middles[knee.child]
+        hips = [j for j in joints if j.child == knee.parent and j.child not in middles and j.lower <= back <= j.upper]
+        start |= {hip.child: back for hip in hips if _turns_alike(hip, knee)}
+    return {_name(j): round(start[j.child], 3) for j in joints if j.child in start}
+
+
+def _turns_alike(first: JointRow, second: JointRow) -> bool:
+    """Whether two joints turn about the same axis, if their frames are alike."""
+    if first.axis is None or second.axis is None or not (first.angular and second.angular):
+        return False
+    return sum(a * b for a, b in zip(first.axis, second.axis, strict=True)) > 0.99
 
 
 def _init_state(height: float, start: dict[str, float], keyframe: str | None) -> str:
@@ -150,7 +163,7 @@ def _init_state(height: float, start: dict[str, float], keyframe: str | None) ->
     if keyframe:
         lines.append(f"joint_pos=None,  # as in the keyframe '{keyframe}'")
     elif start:
-        lines.append(f"joint_pos={_source(start, 8)},  # rad, m; zero is out of range, this is the middle of the range")
+        lines.append(f"joint_pos={_source(start, 8)},  # rad, m; the middle of ranges without zero, and hips to match")
     inside = "".join(f"        {line}\n" for line in lines)
     return f"    init_state=ArticulationCfg.InitialStateCfg(\n{inside}    ),\n" if lines else ""
 

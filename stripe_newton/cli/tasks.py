@@ -197,7 +197,8 @@ def find_task(task: str) -> gymnasium.envs.registration.EnvSpec:
     if task not in known:
         near = difflib.get_close_matches(task, known, n=3, cutoff=0.5)
         hint = f"did you mean {' or '.join(near)}?" if near else "there is none like it."
-        raise UserError(f"no task '{task}'; {hint} 'stripe-newton list' shows all")
+        own = "a task of your own needs --import FILE_OR_MODULE"
+        raise UserError(f"no task '{task}'; {hint} 'stripe-newton list' shows all; {own}")
     return gymnasium.spec(task)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -26,6 +25,7 @@ from .rl_env import Observations
 from .rl_env_cfg import RLEnvCfg
 from .spaces import SpaceSpec, nested_mismatches, to_space
 from .stage_items import count_section, scenery_items, sensor_items
+from .warp_arrays import WarpArrays
 
 __all__ = ["DirectRLEnv", "DirectRLEnvCfg"]
 
@@ -150,7 +150,7 @@ class DirectRLEnv(RecordingEnv):
 
     def _make_warp(self) -> None:
         context, size = self.context, spaces.flatdim(self.single_action_space)
-        self.warp = SimpleNamespace(
+        self.warp = WarpArrays(
             actions=context.array("actions", wp.float32, size),
             terminated=context.episode.terminated,
             truncated=context.episode.truncated,
@@ -160,7 +160,6 @@ class DirectRLEnv(RecordingEnv):
             rng=context.rng,
             step=context.step,
             log=context.log,
-            observations={},
         )
         self._actions_name = context.scope.name("actions", self.warp.actions)
         self.actions = wp.to_torch(self.warp.actions)

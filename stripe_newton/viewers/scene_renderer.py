@@ -13,6 +13,7 @@ import warp as wp
 from .camera_framing import USUAL_AZIMUTH, Follower, camera_axes, frame_points, good_azimuth
 from .display_model import DisplayModel
 from .lighting import lighting_from
+from .roaming import roaming_body
 from .tracer import Tracer
 from .viewed_simulation import ViewedSimulation
 from .viewer_cfg import ViewerCfg
@@ -150,8 +151,8 @@ class SceneRenderer:
         middle = points.mean(axis=0) if len(points) else np.zeros(3)
         self._radius = float(np.linalg.norm(points - middle, axis=1).max(initial=0.0)) or 1.0
         self._center, self._spread = middle, 0.0
-        free = _free_roots(sim.template)
-        self._movable = np.array([r + b for r in scene.roots for b in free], dtype=int)
+        body = roaming_body(sim.template)
+        self._movable = np.array([] if body is None else [root + body for root in scene.roots], dtype=int)
         if cfg.eye is None or cfg.lookat is None:
             aspect = self._width / self._height
             azimuth = good_azimuth(points) if cfg.azimuth is None else math.radians(cfg.azimuth)
@@ -249,17 +250,6 @@ def _nearest(sim: ViewedSimulation, index: int, count: int) -> list[int]:
     away = np.linalg.norm(sim.env_origins - sim.env_origins[index], axis=1)
     away[index] = -1.0
     return [int(i) for i in np.argsort(away, kind="stable")[:count]]
-
-
-def _free_roots(template: newton.ModelBuilder) -> list[int]:
-    """The first body of the template on a free joint, otherwise the first on none, as a list; empty without either."""
-    held = {int(c) for c in template.joint_child}
-    free = [
-        int(child)
-        for kind, parent, child in zip(template.joint_type, template.joint_parent, template.joint_child)
-        if int(parent) < 0 and int(kind) in (int(newton.JointType.FREE), int(newton.JointType.DISTANCE))
-    ]
-    return free[:1] or [b for b in range(template.body_count) if b not in held][:1]
 
 
 def _root_body(template: newton.ModelBuilder, asset_name: str | None) -> int:

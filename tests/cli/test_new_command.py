@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import math
 import os
 import subprocess
 import sys
@@ -137,6 +138,35 @@ def test_a_floating_robot_starts_above_the_ground(capsys, monkeypatch):
     assert cfg.init_state.pos[2] == pytest.approx(0.1 + 0.01, abs=1e-3)  # half a side, and a centimetre
     assert cfg.actuators == {}  # the file has a servo
     assert "bad_orientation" in Path("new_sled/new_sled/env_cfg.py").read_text()
+
+
+LEG = """
+<mujoco model="leg">
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="trunk">
+      <freejoint/>
+      <geom type="box" size="0.1 0.1 0.05" mass="2"/>
+      <body name="thigh">
+        <joint name="hip" axis="0 1 0" range="-1.5 3.0"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.3"/>
+        <body name="shank" pos="0 0 -0.2">
+          <joint name="knee" axis="0 1 0" range="-2.6 -0.6"/>
+          <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.2"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_a_leg_with_a_knee_starts_with_its_foot_below_the_hip(monkeypatch):
+    robot_source("leg.xml", LEG, "new_leg")
+    cfg = robot_cfg("new_leg", monkeypatch)
+    assert cfg.init_state.joint_pos == {"hip": 0.8, "knee": -1.6}
+    height = 2.0 * 0.2 * math.cos(0.8) + 0.02
+    assert cfg.init_state.pos[2] == pytest.approx(height + 0.01, abs=0.02)  # by the box around the capsule
 
 
 def test_a_urdf_file_does_not_say_whether_its_base_floats(capsys, monkeypatch):

@@ -113,7 +113,8 @@ def test_shapes_stand_where_the_simulation_has_them(viewer, env):
     take(viewer, env, 3)
     viewer._draw()
     (batch,) = viewer.scene.batches
-    np.testing.assert_allclose(batch.handle.batched_positions, env.box_positions, atol=1e-6)
+    places = viewer.camera.to_world(batch.handle.batched_positions)
+    np.testing.assert_allclose(places, env.box_positions, atol=1e-6)
     np.testing.assert_allclose(batch.handle.batched_scales, [[0.2, 0.1, 0.1]] * 4, atol=1e-6)
     assert viewer.scene.body_of(int(batch.bodies[3])) == (3, 0)
 

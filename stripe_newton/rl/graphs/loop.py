@@ -31,8 +31,8 @@ class _Iteration:
 def learn_in_graphs(runner: OnPolicyRunner, rollout: GraphRollout, first: int, total: int) -> None:
     """Train from iteration ``first`` up to, but without, iteration ``total``.
 
-    An iteration is logged while the device works on the next one. It is logged at once where the state after it is
-    needed: for a checkpoint, a hook, a stop, or the end of the training.
+    On a GPU an iteration is logged while the device works on the next one. It is logged at once where the state after
+    it is needed: for a checkpoint, a hook, a stop, or the end of the training.
 
     Raises:
         StopTraining: if the run was asked to stop; the last iteration is complete and logged then.
@@ -58,8 +58,9 @@ def learn_in_graphs(runner: OnPolicyRunner, rollout: GraphRollout, first: int, t
         runner.current_learning_iteration = number
         saves = logger.writer is not None and number % runner.cfg["save_interval"] == 0
         observed = saves or logger.iteration_hooks or logger.stop_requested or number + 1 == total
-        # Several ranks agree on a stop when they log, which must be before the next rollout begins.
-        if not observed and not runner.is_distributed:
+        # Several ranks agree on a stop when they log, which must be before the next rollout begins. A CPU has done the
+        # iteration by now: logged later, its time would count as that of the next one.
+        if clock.is_cuda and not observed and not runner.is_distributed:
             waiting = iteration
             continue
         _log(runner, iteration, clock, first, total)
@@ -99,7 +100,8 @@ class _Clock:
     """Times of an iteration: that of the rollout on the device, that of the whole iteration on the host."""
 
     def __init__(self, device: str):
-        self._cuda = torch.device(device).type == "cuda"
+        self.is_cuda = torch.device(device).type == "cuda"
+        """Whether the device works on while the host goes on."""
         self._last = time.perf_counter()
         self._times: list[float] = []
         self._events: list[torch.cuda.Event] = []
@@ -112,7 +114,7 @@ class _Clock:
     def lap(self) -> None:
         """Mark the end of the rollout."""
         self._times.append(time.perf_counter())
-        if self._cuda:
+        if self.is_cuda:
             # The host only queues work, so its own clock says nothing about the device.
             event = torch.cuda.Event(enable_timing=True)
             event.record()
@@ -120,7 +122,7 @@ class _Clock:
 
     def reader(self) -> Callable[[], float]:
         """A function that returns the duration of the rollout [s]; call it once the device has come to its end."""
-        if not self._cuda:
+        if not self.is_cuda:
             begin, end = self._times
             return lambda: end - begin
         first, last = self._events

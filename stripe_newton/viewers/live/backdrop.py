@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stripe_newton.viewers.lighting import Lighting, lighting_from
+from stripe_newton.viewers.poses import wxyz
 
 from .glb_file import glb_of
+from .view_frame import VIEW, ViewFrame
 
 if TYPE_CHECKING:
     import viser
@@ -30,6 +32,7 @@ _PIXELS = 64
 _SATURATION = 1.35
 _TONES = 0.52, 0.565, 0.68
 """Brightness of dark and light squares and of the joints, sRGB."""
+_AT_REST = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
 
 
 class Backdrop:
@@ -43,7 +46,7 @@ class Backdrop:
     """
 
     def __init__(self, server: viser.ViserServer, lights: Sequence[Light], radius: float, azimuth: float):
-        self._server, self._grounds = server, list[tuple["viser.GlbHandle", float]]()
+        self._server, self._grounds = server, list[tuple["viser.BatchedGlbHandle", float]]()
         self._square = next(side for limit, side in ((0.3, 0.1), (1.0, 0.25), (8.0, 1.0), (60.0, 5.0), (np.inf, 25.0))
                             if radius <= limit)  # fmt: skip
         self._reach = max(60.0, 40.0 * min(radius, 5.0))
@@ -68,22 +71,26 @@ class Backdrop:
         heights = sorted({round(float(pose[2]), 4) for pose in planes})
         for index, height in enumerate(heights):
             disc = _ground(self._reach, self._square)
-            handle = self._server.scene.add_glb(f"/ground_{index}", disc, cast_shadow=False, receive_shadow=True)
+            # One instance, so that a browser moves it together with the robots on it.
+            handle = self._server.scene.add_batched_glb(
+                f"{VIEW}/ground_{index}", disc, _AT_REST[:, [6, 3, 4, 5]], _AT_REST[:, :3],
+                lod="off", cast_shadow=False, receive_shadow=True,
+            )  # fmt: skip
             self._grounds.append((handle, height))
 
-    def update(self, center: np.ndarray, rotation: np.ndarray) -> None:
+    def update(self, frame: ViewFrame) -> None:
         """Move the ground to where the camera is, by whole periods of its pattern so that it seems to stand still.
 
         Args:
-            center: What the camera follows, in the world frame [m], shape ``(3,)``; it is the scene's origin.
-            rotation: Rotation of the world in the scene about the upright axis, shape ``(2, 2)``.
+            frame: Where the world is in the scene.
         """
         period = self._square * _SQUARES
-        shift = rotation @ (np.round(center[:2] / period) * period - center[:2])
-        yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+        pose = _AT_REST.copy()
+        pose[0, :2] = np.round(frame.center[:2] / period) * period
         for handle, height in self._grounds:
-            handle.position = (float(shift[0]), float(shift[1]), height - float(center[2]))
-            handle.wxyz = (float(np.cos(0.5 * yaw)), 0.0, 0.0, float(np.sin(0.5 * yaw)))
+            pose[0, 2] = height
+            placed = frame.poses(pose)
+            handle.batched_positions, handle.batched_wxyzs = placed[:, :3].astype(np.float32), wxyz(placed[:, 3:])
 
 
 def _bytes(color: np.ndarray) -> tuple[int, int, int]:

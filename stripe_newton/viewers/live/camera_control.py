@@ -7,16 +7,17 @@ import math
 import time
 from typing import TYPE_CHECKING
 
-import newton
 import numpy as np
 
 from stripe_newton.viewers.camera_framing import Follower, frame_points, good_azimuth
 from stripe_newton.viewers.poses import yaw_of
+from stripe_newton.viewers.roaming import roaming_body
 from stripe_newton.viewers.viewed_simulation import ViewedSimulation
 from stripe_newton.viewers.viewer_cfg import ViewerCfg
 
 from .inbox import Inbox
-from .live_scene import ROOT, LiveScene
+from .live_scene import LiveScene
+from .view_frame import WORLD, ViewFrame
 
 if TYPE_CHECKING:
     import viser
@@ -61,11 +62,9 @@ class CameraControl:
             self.frame_button = gui.add_button("Frame", icon="focus-centered", hint="Back to the first view")
         inbox.on_click(self.frame_button, self.frame)
         inbox.on_change(self.fov, lambda _: self._set_fov())
-        self._root = server.scene.add_frame(ROOT, show_axes=False)
-        self.center = np.zeros(3)
-        """Point of the world that stands at the scene's origin [m], shape ``(3,)``."""
-        self.rotation = np.eye(2)
-        """Rotation of the world about the upright axis, shape ``(2, 2)``."""
+        self._root = server.scene.add_frame(WORLD, show_axes=False)
+        self.view_frame = ViewFrame()
+        """Where the world is in the scene."""
         self._yaw, self._last_picture = 0.0, time.monotonic()
         self._last_point: np.ndarray | None = None
         self._turner = Follower(4.0 * cfg.follow_time, jump=1.0e9)
@@ -79,13 +78,23 @@ class CameraControl:
         away = self._eye - self._target
         return math.atan2(away[1], away[0])
 
+    @property
+    def center(self) -> np.ndarray:
+        """Point of the world that stands at the scene's origin [m], shape ``(3,)``."""
+        return self.view_frame.center
+
+    @property
+    def fov_rad(self) -> float:
+        """Vertical field of view [rad]."""
+        return math.radians(float(self.fov.value))
+
     def to_scene(self, point: np.ndarray) -> np.ndarray:
         """A point of the world in the scene that browsers show [m], shape ``(3,)``; or points, ``(n, 3)``."""
-        return _turn(np.asarray(point, dtype=float) - self.center, self.rotation)
+        return self.view_frame.points(point)
 
     def to_world(self, point: np.ndarray) -> np.ndarray:
         """A point of the scene in the world [m], shape ``(3,)``; or points, ``(n, 3)``."""
-        return _turn(np.asarray(point, dtype=float), self.rotation.T) + self.center
+        return self.view_frame.to_world(point)
 
     def look_at(self, scene: LiveScene, env_id: int) -> None:
         """Set the first view from an environment that the scene shows."""
@@ -132,12 +141,8 @@ class CameraControl:
         if math.isfinite(yaw):  # an angle that goes on beyond pi: the filter must not see a jump to -pi
             self._yaw += math.remainder(yaw - self._yaw, 2.0 * math.pi)
         for _ in range(frames):
-            turned = -float(self._turner.follow(np.array([self._yaw, 0.0, 0.0]))[0])
-        c, s = math.cos(turned), math.sin(turned)
-        self.rotation = np.array([[c, -s], [s, c]])
-        x, y = (float(v) for v in -self.rotation @ self.center[:2])
-        self._root.position = (x, y, -float(self.center[2]))
-        self._root.wxyz = (math.cos(0.5 * turned), 0.0, 0.0, math.sin(0.5 * turned))
+            self.view_frame.turn = -float(self._turner.follow(np.array([self._yaw, 0.0, 0.0]))[0])
+        self._root.position, self._root.wxyz = self.view_frame.position, self.view_frame.wxyz
 
     def _frames(self) -> int:
         """Frames of a video since the last picture: the smoothing is in frames, pictures come as often as they can."""
@@ -153,18 +158,17 @@ class CameraControl:
             begin = point
         self._last_point = point
         for share in np.linspace(0.0, 1.0, frames + 1)[1:]:
-            self.center = self._follower.follow(begin + share * (point - begin))
+            self.view_frame.center = self._follower.follow(begin + share * (point - begin))
 
     def _start_following(self, point: np.ndarray) -> None:
         """Begin at a point."""
         self._follower, self._last_point = Follower(self._cfg.follow_time, jump=1.0e9), None
-        self.center = self._follower.follow(point)
+        self.view_frame.center = self._follower.follow(point)
 
     def _set_fov(self) -> None:
-        fov = math.radians(float(self.fov.value))
-        self._server.initial_camera.fov = fov
+        self._server.initial_camera.fov = self.fov_rad
         for client in self._server.get_clients().values():
-            client.camera.fov = fov
+            client.camera.fov = self.fov_rad
 
     def _heading(self, scene: LiveScene, env_id: int) -> float:
         root = scene.root_of(env_id)
@@ -185,20 +189,13 @@ class CameraControl:
 
 
 def _followed_body(sim: ViewedSimulation, cfg: ViewerCfg) -> int | None:
-    """Body of an environment that the camera can follow: that of ``cfg.asset_name``, else the first that is free."""
+    """Body that the camera can follow: that of ``cfg.asset_name``, else the first that may go anywhere."""
     labels = [str(label).lower().split("/") for label in sim.template.body_label]
     if cfg.asset_name is not None:
         found = [i for i, parts in enumerate(labels) if cfg.asset_name.lower() in parts]
         if found:
             return found[0]
-    free = int(newton.JointType.FREE)
-    joints = zip(sim.template.joint_type, sim.template.joint_parent, sim.template.joint_child)
-    return next((int(child) for kind, parent, child in joints if int(parent) < 0 and int(kind) == free), None)
-
-
-def _turn(points: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Points ``(..., 3)`` turned about the upright axis by ``rotation``, ``(2, 2)``."""
-    return np.concatenate([points[..., :2] @ rotation.T, points[..., 2:]], axis=-1)
+    return roaming_body(sim.template)
 
 
 def _triple(point: np.ndarray) -> tuple[float, float, float]:

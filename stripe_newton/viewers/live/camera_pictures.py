@@ -13,7 +13,7 @@ import torch
 from stripe_newton.viewers.poses import compose, wxyz
 
 from .inbox import Inbox
-from .live_scene import ROOT
+from .view_frame import WORLD
 from .viewed_env import ViewedEnv
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class CameraPictures:
             height, width = data.image_shape
             focal = float(data.intrinsic_matrices[env_id, 1, 1])
             self._frustums[name] = self._server.scene.add_camera_frustum(
-                f"{ROOT}/camera_{name}", 2.0 * math.atan(0.5 * height / focal), width / height, scale=0.12,
+                f"{WORLD}/camera_{name}", 2.0 * math.atan(0.5 * height / focal), width / height, scale=0.12,
                 color=(245, 165, 35), cast_shadow=False,
             )  # fmt: skip
         handle = self._frustums[name]

@@ -19,14 +19,13 @@ from stripe_newton.viewers.viewed_simulation import ViewedSimulation
 from .glb_file import glb_of
 from .merged_field import merged_field
 from .scenery_files import foliage_file, ground_file, has_colors
+from .view_frame import VIEW, WORLD, ViewFrame
 
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["ROOT", "LiveScene", "ShapeBatch", "linear_bytes"]
+__all__ = ["LiveScene", "ShapeBatch", "linear_bytes"]
 
-ROOT = "/world"
-"""Node of the world frame. It moves against what the camera follows, so that the camera itself stays the user's."""
 _FACETS_OFF = 0.002
 """Distance of the facets of round shapes from their surface in radii: coarser than for contacts, for the browser."""
 _ROUND = tuple(map(int, (newton.GeoType.SPHERE, newton.GeoType.CAPSULE, newton.GeoType.CYLINDER)))
@@ -36,6 +35,8 @@ _UNIT = {newton.GeoType.SPHERE: (0, 0, 0), newton.GeoType.BOX: (0, 1, 2), newton
 """Shapes that are one mesh in all sizes, with the sizes along x, y and z."""
 _FIELD_TOLERANCE, _GROUND_TOLERANCE = 1.0e-3, 0.025
 """Largest errors of height fields and of those outdoors, which would be tens of megabytes otherwise [m]."""
+_MOST_FIXED = 512
+"""Instances of fixed shapes that are sent whenever the camera moves; more of them are below the node of the world."""
 _AWAY = (0.0, 0.0, -1.0e4)
 """Where shapes are put whose pose is not finite [m]."""
 
@@ -50,6 +51,33 @@ class ShapeBatch:
     """Body of each instance in the display model; -1 for the world, shape ``(n,)``."""
     local: np.ndarray
     """Poses on the bodies, shape ``(n, 7)``."""
+    is_in_view: bool
+    """Whether their poses are in the scene that browsers show, rather than in the world."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether a body of the simulation moves any of them."""
+        return bool((self.bodies >= 0).any())
+
+
+class _Placed:
+    """Batches that are placed together: a robot of many parts is many batches."""
+
+    def __init__(self, batches: list[ShapeBatch]):
+        self._batches = batches
+        self._bodies = np.concatenate([np.zeros(0, dtype=int), *(batch.bodies for batch in batches)])
+        self._local = np.concatenate([np.zeros((0, 7)), *(batch.local for batch in batches)])
+
+    def place(self, body_q: np.ndarray, frame: ViewFrame) -> None:
+        """Send the poses of all instances in the scene."""
+        if not self._batches:
+            return
+        poses = frame.poses(_world_poses(body_q, self._bodies, self._local))
+        turns, places, begin = wxyz(poses[:, 3:]), poses[:, :3].astype(np.float32), 0
+        for batch in self._batches:
+            end = begin + len(batch.bodies)
+            batch.handle.batched_positions, batch.handle.batched_wxyzs = places[begin:end], turns[begin:end]
+            begin = end
 
 
 class LiveScene:
@@ -72,9 +100,10 @@ class LiveScene:
         self.grounds: list[np.ndarray] = []
         """Poses of endless planes, which are left to the backdrop."""
         self._add_batches()
-        self._moving = [batch for batch in self.batches if (batch.bodies >= 0).any()]
-        self._bodies = np.concatenate([np.zeros(0, dtype=int), *(batch.bodies for batch in self._moving)])
-        self._local = np.concatenate([np.zeros((0, 7)), *(batch.local for batch in self._moving)])
+        self._moving = _Placed([batch for batch in self.batches if batch.moves])
+        self._fixed = _Placed([batch for batch in self.batches if not batch.moves and batch.is_in_view])
+        self._fixed_at: tuple[float, ...] | None = None
+        """Where the world was when fixed shapes were last placed."""
 
     @property
     def body_q(self) -> np.ndarray:
@@ -95,24 +124,27 @@ class LiveScene:
             return None
         return int(self.model.roots[self.env_ids.index(env_id)])
 
-    def update(self) -> None:
-        """Move all shapes to where the simulation has them."""
+    def read(self) -> None:
+        """Read the poses of the simulation, for the camera and then for :meth:`place`."""
         self.model.update()
-        # All at once, as a robot of many parts is many batches.
-        poses = _world_poses(self.body_q, self._bodies, self._local)
-        turns = wxyz(poses[:, 3:])
-        places = poses[:, :3].astype(np.float32)
-        begin = 0
-        for batch in self._moving:
-            end = begin + len(batch.bodies)
-            batch.handle.batched_positions, batch.handle.batched_wxyzs = places[begin:end], turns[begin:end]
-            begin = end
+
+    def place(self, frame: ViewFrame) -> None:
+        """Move all shapes to where they were last read.
+
+        Args:
+            frame: Where the world is in the scene.
+        """
+        self._moving.place(self.body_q, frame)
+        at = *frame.position, frame.turn
+        if at != self._fixed_at:
+            self._fixed_at = at
+            self._fixed.place(self.body_q, frame)
 
     def remove(self) -> None:
         """Take all shapes from the browser."""
         for batch in self.batches:
             batch.handle.remove()
-        self.batches, self._moving = [], []
+        self.batches, self._moving, self._fixed = [], _Placed([]), _Placed([])
 
     def _add_batches(self) -> None:
         shapes = self.model.model
@@ -130,9 +162,13 @@ class LiveScene:
                 self.grounds.append(compose(self._pose(int(bodies[i]))[None], local[i][None])[0])
                 continue
             groups.setdefault(self._key(i, int(kinds[i]), scales[i]), []).append(i)
-        for number, rows in enumerate(groups.values()):
+        room = _MOST_FIXED
+        for number, rows in enumerate(sorted(groups.values(), key=len)):
             index = np.array(rows)
-            self._add(number, index, scales[index], local[index], bodies[index], colors[index])
+            is_fixed = not (bodies[index] >= 0).any()
+            room -= len(rows) if is_fixed else 0
+            node = f"{WORLD if is_fixed and room < 0 else VIEW}/shape_{number}"
+            self._add(node, index, scales[index], local[index], bodies[index], colors[index])
 
     def _pose(self, body: int) -> np.ndarray:
         return self.body_q[body] if body >= 0 else np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -149,7 +185,7 @@ class LiveScene:
 
     def _add(
         self,
-        number: int,
+        node: str,
         shapes: np.ndarray,
         scales: np.ndarray,
         local: np.ndarray,
@@ -172,17 +208,17 @@ class LiveScene:
             "batched_scales": sizes.astype(np.float32),
             "lod": "off",  # simplified meshes have holes
         }
-        name, scene = f"{ROOT}/shape_{number}", self._server.scene
+        scene = self._server.scene
         glb = self._file(first, vertices, faces, colors[0], poses[0])
         if glb is not None:
-            handle: viser.BatchedMeshHandle | viser.BatchedGlbHandle = scene.add_batched_glb(name, glb, **args)
+            handle: viser.BatchedMeshHandle | viser.BatchedGlbHandle = scene.add_batched_glb(node, glb, **args)
         else:
             # Single sheets of triangles, as scanned grounds have them, are seen from both sides.
             args["side"] = "double" if kind in (int(newton.GeoType.MESH), int(newton.GeoType.PLANE)) else "front"
             # The corners of a terrain belong to faces of all directions.
             args["flat_shading"] = kind == int(newton.GeoType.HFIELD)
-            handle = scene.add_batched_meshes_simple(name, vertices, faces, batched_colors=linear_bytes(colors), **args)
-        self.batches.append(ShapeBatch(handle, bodies.astype(int), local.astype(float)))
+            handle = scene.add_batched_meshes_simple(node, vertices, faces, batched_colors=linear_bytes(colors), **args)
+        self.batches.append(ShapeBatch(handle, bodies.astype(int), local.astype(float), node.startswith(VIEW)))
 
     def _file(
         self, shape: int, vertices: np.ndarray, faces: np.ndarray, color: np.ndarray, pose: np.ndarray

@@ -19,6 +19,7 @@ from stripe_newton.viewers.token_server import TokenServer
 from stripe_newton.viewers.viewer_cfg import ViewerCfg
 
 from .backdrop import Backdrop
+from .browser_pace import BrowserPace
 from .camera_control import CameraControl
 from .camera_pictures import CameraPictures
 from .checkpoint_panel import CheckpointPanel, Checkpoints
@@ -101,7 +102,7 @@ class LiveViewer:
         self._cfg = viewer_cfg_of(self._env) if cfg is None else cfg
         self._cfg.validate()
         shown = range(min(self._sim.num_envs, _MOST_AT_FIRST)) if env_ids is None else env_ids
-        self._interval, self._next_picture = 1.0 / fps, 0.0
+        self._interval, self._next_look = 1.0 / fps, 0.0
         self._outside: TokenServer | None = None
         # The port that was asked for is the token server's, where there is one.
         self._server = _serve(port if host in _LOOPBACK else _free_port(), title or "stripe-newton")
@@ -139,7 +140,7 @@ class LiveViewer:
         with tabs.add_tab("View"):
             self.envs = EnvChoice(gui, self.inbox, sim.env_origins, env_ids, self._show_chosen)
             self.camera = CameraControl(server, gui, self.inbox, sim, self._cfg)
-            self.overlays = Overlays(server, gui, self.inbox, sim, env)
+            self.overlays = Overlays(server, gui, self.inbox, sim, env, self.camera.view_frame)
             self.pictures = None if env is None else CameraPictures(server, gui, self.inbox, env)
         self.camera.look_at(self.scene, self.envs.chosen)
         self._backdrop = Backdrop(server, sim.lights, self.camera.radius, self.camera.azimuth)
@@ -155,6 +156,7 @@ class LiveViewer:
             with tabs.add_tab("Policy"):
                 self.policy = CheckpointPanel(gui, self.inbox, checkpoints, self._begin_returns)
         self._broken = set[str]()
+        self._pace = BrowserPace(server)
         self._panels = self._make_updates()
         self._draw()
 
@@ -302,20 +304,28 @@ class LiveViewer:
         self.inbox.run()
         self._tell_problems()
         now = time.monotonic()
-        if (at_once or now >= self._next_picture) and self.has_clients():
-            self._next_picture = now + self._interval
+        if not self.has_clients() or (now < self._next_look and not at_once):
+            return
+        self._next_look = now + self._interval
+        if at_once or self._pace.is_ready():
             self._draw()
+        elif (plots := self.plots) is not None:  # a slow browser gets few pictures, but whole curves
+            with wp.ScopedDevice(self._sim.device), torch.no_grad():
+                self._try("plots", lambda: plots.sample(self.time.steps * self._step_dt))
 
     @torch.no_grad()
     def _draw(self) -> None:
         with wp.ScopedDevice(self._sim.device), self.server.atomic():
             chosen = self.envs.chosen
-            self.scene.update()
+            self.scene.read()
             drags = self.pushes is not None and self.pushes.is_dragging
             self.camera.update(self.scene, chosen, stands=drags)
-            self._backdrop.update(self.camera.center, self.camera.rotation)
+            frame = self.camera.view_frame
+            self.scene.place(frame)
+            self._backdrop.update(frame)
             for name, update in self._panels.items():
                 self._try(name, update)
+        self._pace.count_picture(self.camera.fov_rad)
 
     def _make_updates(self) -> dict[str, Callable[[], None]]:
         """What each panel does at a picture, by name."""

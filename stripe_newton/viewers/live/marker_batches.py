@@ -13,7 +13,8 @@ from stripe_newton.viewers.markers import MarkerPart, MarkerPlaces, Visualizatio
 from stripe_newton.viewers.poses import wxyz
 from stripe_newton.viewers.viewed_simulation import ViewedSimulation
 
-from .live_scene import ROOT, linear_bytes
+from .live_scene import linear_bytes
+from .view_frame import VIEW, ViewFrame
 
 if TYPE_CHECKING:
     import viser
@@ -30,10 +31,11 @@ class MarkerBatches:
     Args:
         server: The web server.
         sim: The simulation; markers that are made later are drawn, too.
+        frame: Where the world is in the scene.
     """
 
-    def __init__(self, server: viser.ViserServer, sim: ViewedSimulation):
-        self._server, self._sim = server, sim
+    def __init__(self, server: viser.ViserServer, sim: ViewedSimulation, frame: ViewFrame):
+        self._server, self._sim, self._frame = server, sim, frame
         self.handles: dict[tuple[int, int, int], viser.BatchedMeshHandle] = {}
         """Instances by markers, prototype and part."""
         self._counts: dict[tuple[int, int, int], int] = {}
@@ -70,14 +72,15 @@ class MarkerBatches:
             handle = None
         if not len(rows):
             return
-        positions, turns = places.positions[rows].astype(np.float32), wxyz(places.orientations[rows])
+        poses = self._frame.poses(np.column_stack([places.positions[rows], places.orientations[rows]]))
+        positions, turns = poses[:, :3].astype(np.float32), wxyz(poses[:, 3:])
         scales = places.scales[rows].astype(np.float32)
         if handle is not None:
             handle.batched_positions, handle.batched_wxyzs, handle.batched_scales = positions, turns, scales
             return
         self._counts[key] = len(rows)
         self.handles[key] = self._server.scene.add_batched_meshes_simple(
-            "{}/markers_{}_{}_{}".format(ROOT, *key),
+            "{}/markers_{}_{}_{}".format(VIEW, *key),
             np.asarray(part.mesh.vertices),
             np.asarray(part.mesh.indices).reshape(-1, 3),
             batched_positions=positions,

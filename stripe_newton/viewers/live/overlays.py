@@ -14,8 +14,8 @@ from stripe_newton.viewers.poses import wxyz
 from stripe_newton.viewers.viewed_simulation import ViewedSimulation
 
 from .inbox import Inbox
-from .live_scene import ROOT
 from .marker_batches import MarkerBatches
+from .view_frame import VIEW, ViewFrame
 from .viewed_env import ViewedEnv
 
 if TYPE_CHECKING:
@@ -44,8 +44,8 @@ class Layer(Protocol):
 class _Drawing:
     """A node of the scene that is made at its first use; its points may change in number."""
 
-    def __init__(self, server: viser.ViserServer, name: str):
-        self._server, self._path = server, f"{ROOT}/overlay/{name}"
+    def __init__(self, server: viser.ViserServer, frame: ViewFrame, name: str):
+        self._server, self._frame, self._path = server, frame, f"{VIEW}/overlay/{name}"
         self._handle: Any = None
         self._count = -1
 
@@ -58,7 +58,7 @@ class _Drawing:
     def arrows(self, starts: np.ndarray, ways: np.ndarray, color: tuple[int, int, int]) -> None:
         """Draw arrows from ``starts``, ``(n, 3)``, along ``ways``, ``(n, 3)`` [m]."""
         long = np.isfinite(starts).all(axis=1) & (np.linalg.norm(np.nan_to_num(ways), axis=1) > _SHORTEST)
-        points = np.stack([starts[long], (starts + ways)[long]], axis=1).astype(np.float32)
+        points = self._points(np.stack([starts[long], (starts + ways)[long]], axis=1))
         if self._needs(points):
             self._handle = self._server.scene.add_arrows(
                 self._path, points, color, shaft_radius=0.012, head_radius=0.03, head_length=0.07
@@ -66,7 +66,7 @@ class _Drawing:
 
     def points(self, points: np.ndarray, color: tuple[int, int, int]) -> None:
         """Draw points, ``(n, 3)`` [m]; those that are not finite are left out."""
-        points = points[np.isfinite(points).all(axis=1)].astype(np.float32)
+        points = self._points(points[np.isfinite(points).all(axis=1)])
         if self._needs(points):
             self._handle = self._server.scene.add_point_cloud(
                 self._path, points, color, point_size=0.018, point_shape="circle", precision="float32"
@@ -75,7 +75,7 @@ class _Drawing:
     def lines(self, starts: np.ndarray, ends: np.ndarray, color: tuple[int, int, int]) -> None:
         """Draw lines between points, ``(n, 3)`` [m]; those that are not finite are left out."""
         fine = np.isfinite(starts).all(axis=1) & np.isfinite(ends).all(axis=1)
-        points = np.stack([starts[fine], ends[fine]], axis=1).astype(np.float32)
+        points = self._points(np.stack([starts[fine], ends[fine]], axis=1))
         if self._needs(points):
             self._handle = self._server.scene.add_line_segments(
                 self._path, points, color, thickness=1.0, thickness_units="screen"
@@ -83,7 +83,7 @@ class _Drawing:
 
     def axes(self, poses: np.ndarray, length: float) -> None:
         """Draw frames, poses ``(n, 7)``."""
-        poses = poses[np.isfinite(poses).all(axis=1)]
+        poses = self._frame.poses(poses[np.isfinite(poses).all(axis=1)])
         if len(poses) != self._count or self._handle is None:
             self.hide()
             self._count = len(poses)
@@ -94,6 +94,10 @@ class _Drawing:
                 )  # fmt: skip
             return
         self._handle.batched_positions, self._handle.batched_wxyzs = poses[:, :3].astype(np.float32), wxyz(poses[:, 3:])
+
+    def _points(self, points: np.ndarray) -> np.ndarray:
+        """Points of the world in the scene, float32, of any shape ``(..., 3)``."""
+        return self._frame.points(points).astype(np.float32)
 
     def _needs(self, points: np.ndarray) -> bool:
         """Whether the node has to be made; otherwise its points are set."""
@@ -115,6 +119,7 @@ class Overlays:
         inbox: Carries changes to the simulation's thread.
         sim: The simulation.
         env: Its environment; None for a scene without one.
+        frame: Where the world is in the scene.
     """
 
     def __init__(
@@ -124,11 +129,12 @@ class Overlays:
         inbox: Inbox,
         sim: ViewedSimulation,
         env: ViewedEnv | None,
+        frame: ViewFrame,
     ):
         self.layers: dict[str, Layer] = {}
         self.boxes: dict[str, viser.GuiCheckboxHandle] = {}
-        make = partial(_Drawing, server)
-        layers: list[Layer] = [_Markers(server, sim), *command_layers(make, env), *sensor_layers(make, env)]
+        make = partial(_Drawing, server, frame)
+        layers: list[Layer] = [_Markers(server, sim, frame), *command_layers(make, env), *sensor_layers(make, env)]
         self.layers |= {layer.name: layer for layer in layers}
         self._markers = sim.markers
         self._folder = gui.add_folder("Draw")
@@ -158,8 +164,8 @@ class _Markers:
     name = "markers"
     is_on = True
 
-    def __init__(self, server: viser.ViserServer, sim: ViewedSimulation):
-        self._batches = MarkerBatches(server, sim)
+    def __init__(self, server: viser.ViserServer, sim: ViewedSimulation, frame: ViewFrame):
+        self._batches = MarkerBatches(server, sim, frame)
 
     def update(self, env_ids: Sequence[int], chosen: int) -> None:
         self._batches.update(env_ids)

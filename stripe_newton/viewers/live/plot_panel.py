@@ -170,8 +170,8 @@ class PlotPanel:
         for plot in self.plots:
             plot.clear()
 
-    def update(self, seconds: float) -> None:
-        """Add the present values, and show the curves a few times a second.
+    def sample(self, seconds: float) -> None:
+        """Add the present values.
 
         Args:
             seconds: Simulated time [s].
@@ -184,6 +184,10 @@ class PlotPanel:
             else:
                 key = name.removeprefix("log: ")
                 plot.add(seconds, [key], [float(self._log.get(key, math.nan))])
+
+    def update(self, seconds: float) -> None:
+        """Add the present values, and show the curves a few times a second; the argument is that of :meth:`sample`."""
+        self.sample(seconds)
         now = time.monotonic()
         if now >= self._next:
             self._next = now + _EVERY

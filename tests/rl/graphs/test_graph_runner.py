@@ -6,6 +6,7 @@ On the CPU the same functions run that a graph records on a GPU.
 
 import csv
 import random
+import time
 
 import numpy as np
 import pytest
@@ -171,6 +172,15 @@ def test_iterations_are_logged_once_and_saved_when_they_are_done(tmp_path):
     assert [(name.strip("/"), count) for name, count in seen] == [
         ("model_0.pt", 1), ("model_3.pt", 4), ("model_6.pt", 7), ("model_7.pt", 8),
     ]  # fmt: skip
+
+
+def test_the_time_of_an_iteration_is_that_of_its_work(tmp_path, monkeypatch):
+    runner = cartpole("graph", tmp_path, num_steps_per_env=4)
+    collect = GraphRollout.collect
+    monkeypatch.setattr(GraphRollout, "collect", lambda self: (time.sleep(0.05), collect(self))[1])
+    runner.learn(4)
+    times = [float(row["Perf/collection_time"]) + float(row["Perf/learning_time"]) for row in rows(tmp_path)]
+    assert min(times) >= 0.05  # none is counted as that of another iteration, the last one least of all
 
 
 @pytest.mark.parametrize("during", [1, 3])
