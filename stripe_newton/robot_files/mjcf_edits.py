@@ -47,7 +47,7 @@ def edit_mjcf(
     model = compile_mjcf(path)
     root, _ = _load_and_expand_mjcf(str(path.resolve()))
     changed = [default for default in root.findall("default") if default.attrib.pop("class", None) is not None]
-    changed += _open_empty_ranges(root)
+    changed += [*_open_empty_ranges(root), *_find_assets(root, path)]
     if tendons:
         changed.append(_add_tendons(root, tendons))
         try:
@@ -67,6 +67,32 @@ def edit_mjcf(
             root.remove(section)
             changed.append(section)
     return (ElementTree.tostring(root, encoding="unicode") if changed else str(path)), model
+
+
+def _find_assets(root: ElementTree.Element, path: Path) -> list[ElementTree.Element]:
+    """Find the files of assets that Newton looks for elsewhere than MuJoCo; returns their elements.
+
+    A ``<compiler>`` holds for the whole model in MuJoCo, so that ``meshdir`` of the file is that of what it includes.
+    For Newton a folder that an included file names wins there.
+    """
+    tags = ("mesh", "hfield", "texture")
+    lost = [e for tag in tags for e in root.iter(tag) if (file := e.get("file")) and not (path.parent / file).is_file()]
+    if not lost:
+        return []
+    spec = mujoco.MjSpec.from_file(str(path))
+    folders = {"mesh": spec.meshdir, "hfield": spec.meshdir, "texture": spec.texturedir}
+    files = {"mesh": spec.meshes, "hfield": spec.hfields, "texture": spec.textures}
+    found = []
+    for element in lost:
+        name = element.get("name") or Path(element.get("file", "")).stem
+        original = next(
+            (asset.file for asset in files[element.tag] if (asset.name or Path(asset.file).stem) == name), ""
+        )
+        place = (path.parent / folders[element.tag] / original).resolve()
+        if original and place.is_file():
+            element.set("file", str(place))
+            found.append(element)
+    return found
 
 
 def _open_empty_ranges(root: ElementTree.Element) -> list[ElementTree.Element]:

@@ -195,3 +195,19 @@ def test_a_plane_on_a_body_that_stands_still_is_one_of_the_world(tmp_path):
     compiled = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu")).mj_model
     np.testing.assert_allclose(compiled.geom_pos[0], (0.0, -0.5, 1.0), atol=1e-6)
     assert rows["floor"] == "plane: of the world, as its body 'stand' stands still"
+
+
+def test_the_folder_of_meshes_is_that_of_the_file_for_what_it_includes_too(tmp_path):
+    """As in the kitchen of Gymnasium-Robotics."""
+    corners = "0 0 0 1 0 0 0 1 0 0 0 1"
+    points = np.array(corners.split(), dtype=float).reshape(4, 3)
+    for folder in ("parts", "parts/stl"):
+        (tmp_path / folder).mkdir()
+    text = "".join("v {:g} {:g} {:g}\n".format(*p) for p in points) + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    (tmp_path / "parts/stl/wedge.obj").write_text(text)
+    part = '<compiler meshdir="nowhere"/><asset><mesh name="wedge" file="wedge.obj"/></asset>'
+    (tmp_path / "parts/assets.xml").write_text(f"<mujocoinclude>{part}</mujocoinclude>")
+    head = '<include file="parts/assets.xml"/><compiler meshdir="parts/stl"/>'
+    body = '<body name="a"><freejoint/><geom type="mesh" mesh="wedge"/></body>'
+    builder, model, _ = imported(tmp_path, body, head)
+    assert builder.body_mass[0] == pytest.approx(model.body_mass[1], rel=1e-5)
