@@ -40,6 +40,7 @@ __all__ = ["extend_report", "import_robot_file", "inspect_robot_file"]
 
 _SMALLEST_RANGE = 1e-5
 """Half the range of a locked joint [rad, m], and the effort of a drive without any [N m, N]."""
+_NO_BODIES = "has no bodies: geometry of the world alone is no robot; a scene that stands still is imported as USD"
 
 
 def import_robot_file(
@@ -78,7 +79,8 @@ def import_robot_file(
     except Exception as error:  # Newton's importers raise whatever their libraries do
         raise RobotFileError(path, [str(error) or type(error).__name__]) from error
     if builder.body_count == start.body:
-        raise RobotFileError(path, ["has no bodies"])
+        raise RobotFileError(path, [_NO_BODIES])
+    rows += _planes_to_world(builder, start)
     if problems := [*_large_shapes(builder, start), *_mass_problems(builder, start)]:
         raise RobotFileError(path, problems)
     rows += [(where.rpartition("/")[2], what, why) for where, what, why in balance_inertias(builder, start.body)]
@@ -192,6 +194,22 @@ def _collide_by_hulls(builder: newton.ModelBuilder, start: BuilderStart) -> None
     for shape in range(start.shape, builder.shape_count):
         if builder.shape_type[shape] == GeoType.MESH and builder.shape_flags[shape] & ShapeFlags.COLLIDE_SHAPES:
             builder.shape_type[shape] = GeoType.CONVEX_MESH
+
+
+def _planes_to_world(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator[Row]:
+    """Attach planes to the world: MuJoCo takes them on bodies without joints, Newton's solver on none."""
+    for shape in range(start.shape, builder.shape_count):
+        body = builder.shape_body[shape]
+        if builder.shape_type[shape] != GeoType.PLANE or body < 0:
+            continue
+        builder.shape_transform[shape] = wp.transform(*builder.body_q[body]) * wp.transform(
+            *builder.shape_transform[shape]
+        )
+        builder.body_shapes[body].remove(shape)
+        builder.body_shapes.setdefault(-1, []).append(shape)
+        builder.shape_body[shape] = -1
+        name = builder.body_label[body].rpartition("/")[2]
+        yield builder.shape_label[shape].rpartition("/")[2], "plane", f"of the world, as its body '{name}' stands still"
 
 
 def _large_shapes(builder: newton.ModelBuilder, start: BuilderStart) -> Iterator[str]:

@@ -13,6 +13,7 @@ from newton._src.utils.import_mjcf import _load_and_expand_mjcf  # its includes 
 
 from .error import RobotFileError
 from .mjcf_checks import compile_mjcf
+from .numbers import numbers_of
 
 __all__ = ["edit_mjcf"]
 
@@ -27,7 +28,8 @@ def edit_mjcf(
     """What Newton's importer is to read for a file, and MuJoCo's model of it.
 
     Where the file's outermost ``<default>`` names its class, as ``"main"``, Newton would keep these defaults for
-    elements that name the class, where MuJoCo gives them to all: the name is left out.
+    elements that name the class, where MuJoCo gives them to all: the name is left out. A joint whose ``range`` is empty
+    (``"0 0"``) has no limits for MuJoCo, unless it says that it is limited; for Newton it would be locked.
 
     Args:
         path: The file.
@@ -45,6 +47,7 @@ def edit_mjcf(
     model = compile_mjcf(path)
     root, _ = _load_and_expand_mjcf(str(path.resolve()))
     changed = [default for default in root.findall("default") if default.attrib.pop("class", None) is not None]
+    changed += [*_open_empty_ranges(root), *_find_assets(root, path)]
     if tendons:
         changed.append(_add_tendons(root, tendons))
         try:
@@ -64,6 +67,46 @@ def edit_mjcf(
             root.remove(section)
             changed.append(section)
     return (ElementTree.tostring(root, encoding="unicode") if changed else str(path)), model
+
+
+def _find_assets(root: ElementTree.Element, path: Path) -> list[ElementTree.Element]:
+    """Find the files of assets that Newton looks for elsewhere than MuJoCo; returns their elements.
+
+    A ``<compiler>`` holds for the whole model in MuJoCo, so that ``meshdir`` of the file is that of what it includes.
+    For Newton a folder that an included file names wins there.
+    """
+    tags = ("mesh", "hfield", "texture")
+    lost = [e for tag in tags for e in root.iter(tag) if (file := e.get("file")) and not (path.parent / file).is_file()]
+    if not lost:
+        return []
+    spec = mujoco.MjSpec.from_file(str(path))
+    folders = {"mesh": spec.meshdir, "hfield": spec.meshdir, "texture": spec.texturedir}
+    files = {"mesh": spec.meshes, "hfield": spec.hfields, "texture": spec.textures}
+    found = []
+    for element in lost:
+        name = element.get("name") or Path(element.get("file", "")).stem
+        original = next(
+            (asset.file for asset in files[element.tag] if (asset.name or Path(asset.file).stem) == name), ""
+        )
+        place = (path.parent / folders[element.tag] / original).resolve()
+        if original and place.is_file():
+            element.set("file", str(place))
+            found.append(element)
+    return found
+
+
+def _open_empty_ranges(root: ElementTree.Element) -> list[ElementTree.Element]:
+    """Say of joints with an empty range that they are not limited, as MuJoCo reads it; returns these joints."""
+    worlds = root.findall("worldbody")
+    empty = [
+        joint
+        for world in worlds
+        for joint in world.iter("joint")
+        if joint.get("limited", "auto") == "auto" and len(set(ends := numbers_of(joint, "range"))) == 1 < len(ends)
+    ]
+    for joint in empty:
+        joint.set("limited", "false")
+    return empty
 
 
 def _add_tendons(root: ElementTree.Element, tendons: Mapping[str, Mapping[str, Any]]) -> ElementTree.Element:

@@ -58,6 +58,8 @@ def prepare_urdf(
         if joint.get("type") == "continuous" and limit is not None:
             limit.attrib.pop("lower", None)
             limit.attrib.pop("upper", None)
+        if joint.get("type") == "fixed" and (mimic := joint.find("mimic")) is not None:
+            joint.remove(mimic)
     return ElementTree.tostring(robot, encoding="unicode"), rows
 
 

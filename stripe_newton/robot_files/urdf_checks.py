@@ -19,6 +19,8 @@ Row = tuple[str, str, str]
 """``(element, what, why)``: something that is left out, read differently from what the file says, or changed."""
 
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "planar")
+_MIMICKED = ("revolute", "continuous", "prismatic")
+"""Types of joints that others can follow."""
 _SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "height")}
 _SHORTEST_AXIS = 1e-9
 """Length below which an axis has no direction, in single precision and for MuJoCo."""
@@ -56,7 +58,8 @@ def urdf_problems(robot: Element, floating: bool | None) -> Iterator[str]:
                 yield f"{kind} '{name}': there are {count} of this name; give each a name of its own"
     for link in robot.findall("link"):
         yield from (f"link '{link.get('name')}': {p}" for p in _link_problems(link))
-    links, joints = ({e.get("name") for e in robot.findall(kind)} for kind in ("link", "joint"))
+    links = {link.get("name") for link in robot.findall("link")}
+    joints = {joint.get("name"): joint.get("type") for joint in robot.findall("joint")}
     for joint in robot.findall("joint"):
         yield from (f"joint '{joint.get('name')}': {p}" for p in _joint_problems(joint, links, joints))
     yield from _tree_problems(robot, floating)
@@ -125,7 +128,7 @@ def _geometry_problems(geometry: Element | None) -> Iterator[str]:
                 yield f"{name} of <{shape.tag}> is {shape.get(name)}, must be positive"
 
 
-def _joint_problems(joint: Element, links: set[str | None], joints: set[str | None]) -> Iterator[str]:
+def _joint_problems(joint: Element, links: set[str | None], joints: dict[str | None, str | None]) -> Iterator[str]:
     kind = joint.get("type")
     if kind == "floating":
         yield (
@@ -133,7 +136,7 @@ def _joint_problems(joint: Element, links: set[str | None], joints: set[str | No
             "fix_base=False"
         )
     elif kind not in _JOINT_TYPES:
-        yield f"is of type '{kind}', must be {', '.join(_JOINT_TYPES)}"
+        yield (f"is of type '{kind}'" if kind else "has no type") + f", must be {', '.join(_JOINT_TYPES)}"
     for end in ("parent", "child"):
         element = joint.find(end)
         name = None if element is None else element.get("link")
@@ -155,12 +158,23 @@ def _joint_problems(joint: Element, links: set[str | None], joints: set[str | No
         yield f"its lower limit {low[0]:g} is above its upper limit {high[0]:g}; exchange them"
     for name in ("damping", "friction"):
         yield from number_problems(joint.find("dynamics"), name, least=0.0)
-    mimic = joint.find("mimic")
-    if mimic is not None:
-        if mimic.get("joint") not in joints:
-            yield f"mimics '{mimic.get('joint')}', which is no joint of the file"
-        for name in ("multiplier", "offset"):
-            yield from number_problems(mimic, name)
+    if (mimic := joint.find("mimic")) is not None:
+        yield from _mimic_problems(mimic, joints)
+
+
+def _mimic_problems(mimic: Element, joints: dict[str | None, str | None]) -> Iterator[str]:
+    followed = mimic.get("joint")
+    if followed is None:
+        yield "<mimic> has no joint; name the joint that it follows, or take <mimic> out"
+    elif followed not in joints:
+        yield f"mimics '{followed}', which is no joint of the file"
+    elif joints[followed] not in _MIMICKED:
+        yield (
+            f"mimics '{followed}', a {joints[followed]} joint; it can follow one that is {', '.join(_MIMICKED)}: "
+            "take <mimic> out"
+        )
+    for name in ("multiplier", "offset"):
+        yield from number_problems(mimic, name)
 
 
 def _tree_problems(robot: Element, floating: bool | None) -> Iterator[str]:
@@ -261,6 +275,8 @@ def _joint_rows(joint: Element) -> Iterator[tuple[str, str]]:
         yield "effort limit 0", "its drive can do nothing until an actuator sets effort_limit"
     if kind == "continuous" and (numbers_of(limit, "lower") or numbers_of(limit, "upper")):
         yield "limits", "a continuous joint turns without end; they are left out"
+    if kind == "fixed" and joint.find("mimic") is not None:
+        yield "<mimic>", "left out: a fixed joint does not move"
     if kind == "planar":
         yield "planar joint", "it slides along two axes and does not turn"
     if (

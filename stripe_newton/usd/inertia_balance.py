@@ -14,6 +14,9 @@ from .text_table import vector
 
 __all__ = ["SMALLEST_INERTIA", "balance_inertias"]
 
+_LEAST_MARGIN, _MARGIN = 1e-6, 3e-6
+"""Share of the largest moment by which the other two must exceed it, and by which they do where they do not."""
+
 SMALLEST_INERTIA = 1.0e-15
 """Least moment of inertia that is kept [kg m^2], MuJoCo's ``mjMINVAL``: Newton would raise what is below 1e-10, such as
 a marker of a milligram, to 1e-6."""
@@ -23,7 +26,8 @@ def balance_inertias(builder: newton.ModelBuilder, first: int) -> Iterator[tuple
     """Correct the inertias of the bodies from ``first`` on that are those of no body.
 
     Newton does so by itself when the model is made, without the names of the bodies: whose principal moments break the
-    triangle inequality, or are not positive.
+    triangle inequality, or are not positive. An inertia at the limit, as of a thin plate or of a corrected body, is
+    raised by a few millionths without a row: otherwise rounding would decide whether MuJoCo accepts it.
 
     Yields:
         A row ``(path, what, why)`` for each corrected body.
@@ -36,17 +40,32 @@ def balance_inertias(builder: newton.ModelBuilder, first: int) -> Iterator[tuple
         return
     corrected = _by_newton(builder, masses[sound], inertias[sound])
     for k, after in zip(sound, corrected, strict=True):
-        before = (inertias[k] + inertias[k].T) / 2
-        if not np.isfinite(after).all() or np.allclose(after, before, rtol=1e-5, atol=1e-5 * np.abs(before).max()):
+        before, body = (inertias[k] + inertias[k].T) / 2, first + int(k)
+        if not np.isfinite(after).all():
             continue
-        body = first + int(k)
-        builder.body_inertia[body] = wp.mat33(*after.reshape(-1).tolist())
-        builder.body_inv_inertia[body] = wp.mat33(*np.linalg.inv(after).reshape(-1).tolist())
+        if np.allclose(after, before, rtol=1e-5, atol=1e-5 * np.abs(before).max()):
+            if (lift := _lift_off_the_limit(before)) > 0.0:
+                _set_inertia(builder, body, before + lift * np.eye(3))
+            continue
+        after = after + _lift_off_the_limit(after) * np.eye(3)
+        _set_inertia(builder, body, after)
         moments = np.linalg.eigvalsh(before)
         reason = "they must be positive" if moments[0] <= 0.0 else "two must not add up to less than the third"
         why = f"{vector(moments.tolist())} kg m^2 is of no body, as {reason}"
         used = vector(np.linalg.eigvalsh(after).tolist())
         yield builder.body_label[body], "inertia", f"{why}: {used} is used"
+
+
+def _lift_off_the_limit(inertia: np.ndarray) -> float:
+    """What to add to the moments of an inertia, so that rounding does not break the triangle inequality [kg m^2]."""
+    low, middle, high = np.linalg.eigvalsh(inertia)
+    margin = low + middle - high
+    return float(_MARGIN * high - margin) if margin < _LEAST_MARGIN * high else 0.0
+
+
+def _set_inertia(builder: newton.ModelBuilder, body: int, inertia: np.ndarray) -> None:
+    builder.body_inertia[body] = wp.mat33(*inertia.reshape(-1).tolist())
+    builder.body_inv_inertia[body] = wp.mat33(*np.linalg.inv(inertia).reshape(-1).tolist())
 
 
 def _by_newton(builder: newton.ModelBuilder, masses: np.ndarray, inertias: np.ndarray) -> np.ndarray:

@@ -20,12 +20,13 @@ from .builder_checks import check_builder
 from .builder_repairs import articulate_single_joints, set_translation_states, unmirror_meshes
 from .builder_start import BuilderStart
 from .checks import check_stage
-from .concave_meshes import concave_mesh_rows
+from .composition_errors import material_file_rows, without_errors
+from .concave_meshes import concave_colliders, concave_mesh_rows, rows_by_distance
 from .file_errors import last_line
 from .flat_meshes import thicken_flat_meshes
 from .ignored_rows import Ignored
 from .inertia_balance import balance_inertias
-from .mesh_approximations import can_approximate, quiet_decomposition
+from .mesh_approximations import asks_for_distance_field, can_approximate, quiet_decomposition
 from .newton_warnings import collected_warnings
 from .prepare import prepare
 from .report_rows import build_report
@@ -74,6 +75,7 @@ def load_stage(
         raise StageError(
             name, first_path(last_line(error), opened), f"USD does not read it: {last_line(error)}"
         ) from error
+    rows.extend(material_file_rows(opened))
     start = BuilderStart(builder)
     # Whatever the solver: attributes of MuJoCo's schemas are read into these.
     if solver == "mujoco" or not any(a.namespace == "mujoco" for a in builder.custom_attributes.values()):
@@ -106,7 +108,7 @@ def _add_usd(
     with _warnings_as_rows(rows, stage):
         try:
             return builder.add_usd(
-                stage,
+                without_errors(stage),
                 root_path=root_path,
                 ignore_paths=list(ignore),
                 # The first that has an attribute decides: Newton's own schemas, then MuJoCo's, then PhysX's.
@@ -128,8 +130,13 @@ def inspect_stage(path: str | Path | Usd.Stage, *, solver: str = "mujoco") -> St
     Raises:
         StageError: the stage cannot be simulated, or there is nothing in it.
     """
-    builder = newton.ModelBuilder()
-    report = load_stage(builder, path, solver=solver)
+    builder, stage = newton.ModelBuilder(), open_stage(path)
+    report = load_stage(builder, stage, solver=solver)
+    if solver == "mujoco":
+        moving = {builder.shape_label[s] for s in range(builder.shape_count) if builder.shape_body[s] >= 0}
+        concave = sorted(concave_colliders(report.ignored) & moving)
+        as_they_are = [path for path in concave if asks_for_distance_field(stage.GetPrimAtPath(path))]
+        report.ignored = rows_by_distance(report.ignored, as_they_are)
     check_content(builder, report)
     if builder.body_count:
         try:

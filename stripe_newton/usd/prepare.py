@@ -21,6 +21,7 @@ from .point_instancers import expand_point_instancers
 from .scaled_shapes import bake_shape, scaled_shapes
 from .stage_access import stage_name, walk
 from .stage_overlay import StageOverlay
+from .static_joint_frames import joints_to_world
 from .units import mixed_units, stage_units, to_si
 
 __all__ = ["converted", "prepare", "schema_typed"]
@@ -36,6 +37,7 @@ def prepare(
       its default.
     * Units other than metres and kilograms are converted (:func:`to_si`).
     * A rigid body that is not enabled becomes static geometry (Newton would let it fall).
+    * Joints on static colliders become joints on the world (:func:`joints_to_world`).
     * Colliders get the physics materials that are bound above them (UsdPhysics reads those bound to a collider alone).
     * Shapes that a scale makes another kind of become meshes (:func:`scaled_shapes`).
     * Approximations of meshes that would be another shape are taken off (:func:`replaced_approximations`).
@@ -62,6 +64,7 @@ def prepare(
     edit.clear_lost_materials()
     edit.apply_inherited_materials()
     edit.make_disabled_bodies_static()
+    edit.put_joints_on_the_world()
     edit.bake_scaled_shapes()
     edit.replace_approximations(static_triangles)
     edit.drop_dangling_groups()
@@ -170,6 +173,10 @@ class _Edit:
                 self._rows.append(
                     (str(path), "rigid body", "rigidBodyEnabled is false: its shapes are static geometry")
                 )
+
+    def put_joints_on_the_world(self) -> None:
+        """Let joints on static colliders be on the world; after bodies are known to be static."""
+        joints_to_world(self.overlay, self._prims())
 
     def bake_scaled_shapes(self) -> None:
         """Replace shapes that Newton would read as others by meshes; after bodies are known to be static."""

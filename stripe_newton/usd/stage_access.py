@@ -7,8 +7,9 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from pxr import Sdf, Tf, Usd, UsdPhysics
+from pxr import Tf, Usd, UsdPhysics, UsdUtils
 
+from .composition_errors import composition_problem
 from .file_errors import irregular_file, open_error, path_reason
 
 __all__ = ["StageError", "api_schemas", "asset_prim", "first_path", "open_stage", "stage_name", "walk"]
@@ -33,7 +34,7 @@ def open_stage(source: str | Path | Usd.Stage) -> Usd.Stage:
 
     Raises:
         StageError: the file is missing or not USD, or a sublayer, reference or payload does not resolve.
-            A missing file may hold a link of a robot, so none is skipped silently.
+            A missing file may hold a link of a robot, so none is skipped silently. Files of MaterialX may be missing.
     """
     if isinstance(source, Usd.Stage):
         stage = source
@@ -43,17 +44,17 @@ def open_stage(source: str | Path | Usd.Stage) -> Usd.Stage:
             raise StageError(str(path), "", reason)
         if pipe := irregular_file(path):
             raise StageError(str(path), "", f"refers to {pipe}, which is no regular file; name a USD file")
+        quiet = UsdUtils.CoalescingDiagnosticDelegate()  # USD would print what the errors below say
         try:
             stage = Usd.Stage.Open(str(path), Usd.Stage.LoadAll)
         except (Tf.ErrorException, UnicodeDecodeError) as error:
             raise StageError(str(path), "", f"is not a USD file that can be read: {open_error(path, error)}") from error
+        finally:
+            del quiet
     # USD opens a stage whose references do not resolve, and only prints a warning.
-    errors = stage.GetCompositionErrors()
-    if errors:
-        texts = list(dict.fromkeys(_composition_text(error) for error in errors))
-        reason = f"{len(texts)} composition arc(s) do not resolve: " + " | ".join(texts)
-        prim = str(getattr(errors[0], "rootSite", Sdf.Path()) or "")
-        raise StageError(stage_name(stage), _site_path(prim), reason)
+    prim, problem = composition_problem(stage)
+    if problem:
+        raise StageError(stage_name(stage), prim, problem)
     return stage
 
 
@@ -64,18 +65,6 @@ def first_path(text: str, stage: Usd.Stage) -> str:
         if word.startswith("/") and len(word) > 1 and stage.GetPrimAtPath(word):
             return word
     return ""
-
-
-def _composition_text(error: object) -> str:
-    """The text of a composition error in one line."""
-    text = str(error).strip() or type(error).__name__
-    return re.sub(r"\s+", " ", text)
-
-
-def _site_path(text: str) -> str:
-    """The prim path in the text of a ``PcpSite``, between angle brackets."""
-    found = re.search(r"<([^>]*)>", text)
-    return found.group(1) if found else ""
 
 
 def walk(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) -> Iterator[Usd.Prim]:

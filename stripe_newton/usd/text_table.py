@@ -19,7 +19,7 @@ _FOLD = 40
 """Most rows that a table shows; it says how many more there are."""
 _MIN_PATH, _MIN_WRAPPED = 16, 20
 """Least widths of the first column, and of a wrapped last column."""
-_MAX_EXTRA_LINES = 3
+_MAX_EXTRA_LINES = 7
 """Most lines that wrapped text takes beyond the first."""
 
 
@@ -87,6 +87,8 @@ def _lines(line: Sequence[str], widths: Sequence[int], wrap_last: bool) -> list[
     """One row as text: one line, or several where the last cell is wrapped."""
     cells = [shorten(cell, width) for cell, width in zip(line, widths, strict=True)]
     pieces = (textwrap.wrap(line[-1], widths[-1]) or [""]) if wrap_last else [cells[-1]]
+    if len(pieces) > 1 + _MAX_EXTRA_LINES:
+        pieces[_MAX_EXTRA_LINES] = pieces[_MAX_EXTRA_LINES][: widths[-1] - 4] + " ..."
     cells[-1] = pieces[0]
     indent = " " * (2 + sum(widths[:-1]) + 2 * (len(widths) - 1))
     first = ("  " + "  ".join(c.ljust(w) for c, w in zip(cells, widths, strict=True))).rstrip()

@@ -167,3 +167,47 @@ def test_a_urdf_drive_without_effort_does_nothing(tmp_path):
     assert ("j", "effort limit 0") in {(where, what) for where, what, _ in report.ignored}
     solver = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu"))  # MuJoCo refuses ranges without a width
     assert abs(solver.mj_model.jnt_actfrcrange[0]).max() < 1e-4
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_inertia_at_the_limit_is_taken_whatever_its_axes(tmp_path, seed):
+    """A plate: two moments add up to the third, and rounding puts every other one beyond."""
+    quat = np.random.default_rng(seed).normal(size=4)
+    moments = '<inertial pos="0 0 0" mass="2" diaginertia="0.2 0.1 0.3" quat="{:g} {:g} {:g} {:g}"/>'.format(*quat)
+    builder, model, rows = imported(tmp_path, f'<body name="a"><freejoint/>{moments}<geom size="0.1"/></body>')
+    compiled = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu")).mj_model
+    np.testing.assert_allclose(np.sort(compiled.body_inertia[1]), np.sort(model.body_inertia[1]), rtol=3e-5)
+    assert ("a", "inertia") not in rows
+
+
+def test_a_joint_with_an_empty_range_has_no_limits(tmp_path):
+    tip = f'<body name="b"><joint name="k" range="-9 9"/>{INERTIAL}</body>'
+    builder, model, rows = imported(tmp_path, f'<body name="a"><joint name="j" range="30 30"/>{INERTIAL}{tip}</body>')
+    compiled = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu")).mj_model
+    assert model.jnt_limited.tolist() == compiled.jnt_limited.tolist() == [False, True]
+    assert rows.keys() == {"option"}
+
+
+def test_a_plane_on_a_body_that_stands_still_is_one_of_the_world(tmp_path):
+    plane = '<geom name="floor" type="plane" size="0 0 1" pos="0 0 0.5"/>'
+    turned = '<body name="stand" pos="0 0 1" euler="90 0 0">{}<body name="a"><freejoint/>{}</body></body>'
+    builder, _, rows = imported(tmp_path, turned.replace("<freejoint/>", '<joint name="j"/>').format(plane, INERTIAL))
+    compiled = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu")).mj_model
+    np.testing.assert_allclose(compiled.geom_pos[0], (0.0, -0.5, 1.0), atol=1e-6)
+    assert rows["floor"] == "plane: of the world, as its body 'stand' stands still"
+
+
+def test_the_folder_of_meshes_is_that_of_the_file_for_what_it_includes_too(tmp_path):
+    """As in the kitchen of Gymnasium-Robotics."""
+    corners = "0 0 0 1 0 0 0 1 0 0 0 1"
+    points = np.array(corners.split(), dtype=float).reshape(4, 3)
+    for folder in ("parts", "parts/stl"):
+        (tmp_path / folder).mkdir()
+    text = "".join("v {:g} {:g} {:g}\n".format(*p) for p in points) + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    (tmp_path / "parts/stl/wedge.obj").write_text(text)
+    part = '<compiler meshdir="nowhere"/><asset><mesh name="wedge" file="wedge.obj"/></asset>'
+    (tmp_path / "parts/assets.xml").write_text(f"<mujocoinclude>{part}</mujocoinclude>")
+    head = '<include file="parts/assets.xml"/><compiler meshdir="parts/stl"/>'
+    body = '<body name="a"><freejoint/><geom type="mesh" mesh="wedge"/></body>'
+    builder, model, _ = imported(tmp_path, body, head)
+    assert builder.body_mass[0] == pytest.approx(model.body_mass[1], rel=1e-5)

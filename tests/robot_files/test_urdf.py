@@ -126,6 +126,12 @@ REFUSED = {
         "joint 'elbow': damping of <dynamics> is infinite",
     ),
     "origin": (ARM.replace("<axis", '<origin xyz="0 0"/><axis'), "xyz of <origin> is '0 0', must be 3 numbers"),
+    "no type": (ARM.replace('type="revolute"', ""), "joint 'elbow': has no type, must be revolute"),
+    "mimic of nothing": (ARM.replace("<axis", "<mimic/><axis"), "joint 'elbow': <mimic> has no joint; name the joint"),
+    "mimic of a fixed joint": (
+        HELD.format(arm=ARM.replace("<axis", '<mimic joint="stand"/><axis'), kind="fixed"),
+        "joint 'elbow': mimics 'stand', a fixed joint; it can follow one that is revolute",
+    ),
     "mimic": (ARM.replace("<axis", '<mimic joint="knee"/><axis'), "'elbow': mimics 'knee', which is no joint of"),
     "no mass that moves": (
         ARM.replace(f'<link name="tip">{BODY}', '<link name="tip">'),
@@ -142,6 +148,12 @@ def test_a_file_is_refused_by_the_names_of_its_elements(tmp_path, case):
         inspect_robot_file(urdf(tmp_path, content))
     assert message in str(error.value)
     assert "robot.urdf" in str(error.value)
+
+
+def test_a_fixed_joint_that_mimics_stays_fixed(tmp_path):
+    stand = HELD.format(arm=ARM, kind="fixed").replace("</joint>", '<mimic joint="elbow"/></joint>')
+    stand = stand.replace('<mimic joint="elbow"/></joint>', "</joint>", 1)  # of the elbow itself
+    assert rows(tmp_path, stand) == {("stand", "<mimic>"): "left out: a fixed joint does not move"}
 
 
 def test_what_no_check_foresaw_is_told_by_the_path_of_the_joint(tmp_path, monkeypatch):

@@ -29,15 +29,54 @@ def test_references_that_do_not_resolve_are_all_named(tmp_path):
     )
     with pytest.raises(StageError, match=r"gone\.usda") as caught:
         load(file)
-    assert "lost.usda" in str(caught.value)
+    assert "payload 'lost.usda' of prim /B is not there; add the file" in str(caught.value)
     assert str(file) in str(caught.value)
+
+
+def test_a_missing_file_is_named_before_what_is_missing_from_it_and_only_the_first_of_many(tmp_path, capfd):
+    prims = "".join(f'def Xform "P{k}" (references = </colliders/p{k}>) {{}}\n' for k in range(9))
+    file = tmp_path / "scene.usda"
+    file.write_text(f"#usda 1.0\n(subLayers = [@parts/gone.usda@])\n{prims}")
+    with pytest.raises(StageError, match=r"usda: sublayer 'parts/gone\.usda' of 'scene\.usda' is not .*; and 7 more$"):
+        load(file)
+    assert capfd.readouterr().err == ""  # USD would print each of them, too
+
+
+@pytest.mark.parametrize(
+    ("asset", "reason"),
+    [
+        ("https://example.org/spot.usd", "spot.usd' of prim /A is on the web, which is not read; download it"),
+        ("pointer.usd", "'pointer.usd' of prim /A is a pointer of git LFS, not the file itself"),
+        ("words.usda", "'words.usda' of prim /A cannot be read: "),
+        ("bare.usda", "reference of prim /A names no prim of 'bare.usda', which has no defaultPrim; set it"),
+    ],
+)
+def test_why_a_reference_does_not_resolve(tmp_path, asset, reason):
+    (tmp_path / "pointer.usd").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 3\n")
+    (tmp_path / "words.usda").write_text("hello")
+    (tmp_path / "bare.usda").write_text('#usda 1.0\ndef Xform "B" {}\n')
+    file = tmp_path / "scene.usda"
+    file.write_text(f'#usda 1.0\ndef Xform "A" (references = @{asset}@) {{}}\n')
+    refuse(file, "/A", reason)
+
+
+def test_a_file_of_materialx_need_not_be_read(tmp_path):
+    (tmp_path / "wood.mtlx").write_text('<?xml version="1.0"?><materialx version="1.38"/>')
+    file = tmp_path / "scene.usda"
+    file.write_text(
+        '#usda 1.0\ndef Scope "Looks" (references = @wood.mtlx@) {}\n'
+        'def Cube "box" (apiSchemas = ["PhysicsCollisionAPI"]) {}\n'
+    )
+    _, report = load(file)
+    assert len(report.shapes) == 1
+    assert [row[:2] for row in report.ignored] == [("/Looks", "reference to wood.mtlx")]
 
 
 def test_a_reference_to_a_stage_whose_default_prim_is_missing(tmp_path):
     (tmp_path / "robot.usda").write_text('#usda 1.0\n(defaultPrim = "cartPole")\ndef Xform "cartpole" {}\n')
     file = tmp_path / "scene.usda"
     file.write_text('#usda 1.0\ndef Xform "A" (references = @robot.usda@) {}\n')
-    refuse(file, "/A", "do not resolve")
+    refuse(file, "/A", "reference of prim /A names prim /cartPole, which is not in 'robot.usda'")
 
 
 def test_nothing_to_simulate():
