@@ -140,6 +140,7 @@ class WxyzFunc:
     func: Spawn
 
     def spawn(self, prim_path: str, translation: Vector = None, orientation: Vector = None) -> Usd.Prim:
+        """Author the prim; ``orientation`` is (x, y, z, w), as the package calls it."""
         return self.func(prim_path, self, translation, _wxyz(orientation))
 
 
