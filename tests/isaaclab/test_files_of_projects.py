@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -14,8 +15,13 @@ from stripe_newton.configclass import ConfigError
 from stripe_newton.isaaclab.buffers import CircularBuffer, DelayBuffer
 from stripe_newton.isaaclab.dictionaries import class_to_dict, update_class_from_dict
 from stripe_newton.isaaclab.file_spawners import MjcfFileCfg, UrdfConverterCfg, UrdfFileCfg
+from stripe_newton.isaaclab.manager_base import ManagerBase
 from stripe_newton.isaaclab.mdp import UniformPoseCommandCfg
+from stripe_newton.isaaclab.mdp.events import _randomize_prop_by_op as randomize
+from stripe_newton.isaaclab.rl_configs import RslRlOnPolicyRunnerCfg
+from stripe_newton.isaaclab.scene_entity import SceneEntityCfg
 from stripe_newton.isaaclab.skrl_configs import runner_of_skrl
+from stripe_newton.rl import RslRlMLPModelCfg, RslRlPpoAlgorithmCfg
 
 DriveCfg = UrdfConverterCfg.JointDriveCfg
 
@@ -150,3 +156,50 @@ def test_skrl_1_calls_the_observations_states():
     assert (old.actor.to_dict(), old.critic.to_dict()) == (new.actor.to_dict(), new.critic.to_dict())
     with pytest.raises(ConfigError, match="a network over STATES is not translated"):  # those of skrl 2
         runner_of_skrl(skrl_config("OBSERVATIONS", "STATES"), "agent")
+
+
+def test_an_agent_may_have_an_actor_and_a_critic():
+    network = RslRlMLPModelCfg(hidden_dims=(8,), activation="elu")
+    run = {"num_steps_per_env": 8, "max_iterations": 3, "save_interval": 1, "experiment_name": "x"}
+    groups = {"actor": ["policy"], "critic": ["state"]}
+    cfg = RslRlOnPolicyRunnerCfg(
+        **run, actor=network, critic=network, algorithm=RslRlPpoAlgorithmCfg(), obs_groups=groups
+    ).to_native()
+    assert (cfg.actor.hidden_dims, cfg.critic.hidden_dims, cfg.obs_groups) == ((8,), (8,), groups)
+    with pytest.raises(ConfigError, match="actor: and critic must both be given"):
+        RslRlOnPolicyRunnerCfg(**run, actor=network, algorithm=RslRlPpoAlgorithmCfg()).to_native()
+
+
+# -- managers and events that a project writes itself
+
+
+def test_rows_and_columns_are_randomised():
+    data = torch.ones(3, 4)
+    at = torch.tensor([0, 2]), torch.tensor([1, 3])
+    randomize(data, (2.0, 2.0 + 1e-6), *at, operation="scale", distribution="uniform")
+    expected = torch.ones(3, 4)
+    expected[0, [1, 3]] = expected[2, [1, 3]] = 2.0
+    torch.testing.assert_close(data, expected)
+    randomize(data, (0.5, 0.5 + 1e-6), None, slice(None), operation="add", distribution="uniform")
+    torch.testing.assert_close(data, expected + 0.5)
+    with pytest.raises(NotImplementedError, match="operation: is 'set'"):
+        randomize(data, (0.0, 1.0), None, slice(None), operation="set", distribution="uniform")
+
+
+def test_a_manager_of_a_project_finds_its_terms():
+    class Manager(ManagerBase):
+        def _prepare_terms(self) -> None:
+            self.terms = dict(self.cfg)
+            for name, term in self.terms.items():
+                self._resolve_common_term_cfg(name, term)
+
+        @property
+        def active_terms(self) -> list[str]:
+            return list(self.terms)
+
+    env = SimpleNamespace(num_envs=3, device="cpu", scene={})
+    manager = Manager({"height": SimpleNamespace(func="math:cos", params={})}, env)
+    assert (manager.terms["height"].func, manager.num_envs, manager.find_terms("h.*")) == (math.cos, 3, ["height"])
+    term = SimpleNamespace(func=math.cos, params={"asset_cfg": SceneEntityCfg("robot")})
+    with pytest.raises(ValueError, match=r"speed\.params\.asset_cfg: 'robot'"):
+        Manager({"speed": term}, env)

@@ -29,6 +29,7 @@ NAMES: dict[str, Table] = {
         RecorderTerm RecorderTermCfg RewardManager RewardTermCfg TerminationManager TerminationTermCfg""",
     )
     | dialect("managers", "ObservationManager")
+    | dialect("manager_base", "ManagerBase")
     | dialect("scene_entity", "SceneEntityCfg")
     | dialect(
         "term_configs", "ActionTermCfg CommandTermCfg ManagerTermBaseCfg ObservationTermCfg RecorderManagerBaseCfg"
