@@ -10,6 +10,7 @@ from .explicit_actuators import (
     RemotizedPDActuatorCfg,
 )
 from .network_actuators import ActuatorNetLSTMCfg, ActuatorNetMLPCfg
+from .torch_actuators import JointGroup, TorchActuatorCfg, TorchLaw
 
 __all__ = [
     "ActuatorCfg",
@@ -19,6 +20,9 @@ __all__ = [
     "DelayedPDActuatorCfg",
     "IdealPDActuatorCfg",
     "ImplicitActuatorCfg",
+    "JointGroup",
     "PIDActuatorCfg",
     "RemotizedPDActuatorCfg",
+    "TorchActuatorCfg",
+    "TorchLaw",
 ]

@@ -17,6 +17,7 @@ from stripe_kernels.actuators import JointDrives, drive_joints, mask_gains, rese
 from stripe_kernels.episode import seed_streams
 
 from .drive_table import MADE, DriveTable, read_drives
+from .torch_actuators import TorchDrive
 
 __all__ = ["Actuation"]
 
@@ -61,6 +62,11 @@ class Actuation:
         self._stepped = [(a, *_states(a)) for a in table.stepped]
         for actuator in table.stepped:
             if use_graph and model.device.is_cuda and not actuator.is_graphable():
+                if isinstance(actuator.drive, TorchDrive):
+                    raise ValueError(
+                        f"actuator '{actuator.drive.slot.name}' is a law in torch, which cannot be part of a CUDA "
+                        "graph: set SimulationCfg(use_cuda_graph=False)"
+                    )
                 raise ValueError(
                     f"{type(actuator.drive).__name__} of '{getattr(actuator.drive, 'model_path', '')}' cannot be part "
                     "of a CUDA graph: export the network to ONNX, or set SimulationCfg(use_cuda_graph=False)"
@@ -223,5 +229,5 @@ class Actuation:
 def _states(actuator: Actuator) -> tuple[Actuator.State | None, Actuator.State | None]:
     """States before and after a step: one and the same where each number is read before it is written."""
     first = actuator.state()
-    alone = type(actuator.drive) in (DriveNeuralGRU, DriveNeuralLSTM) and actuator.delay is None
+    alone = type(actuator.drive) in (DriveNeuralGRU, DriveNeuralLSTM, TorchDrive) and actuator.delay is None
     return first, first if alone or first is None else actuator.state()

@@ -11,15 +11,68 @@ import torch
 import warp as wp
 from packaging.version import Version
 
+from .strings import callable_to_string, string_to_callable
+
 __all__ = [
+    "class_to_dict",
     "convert_dict_to_backend",
     "get_isaac_sim_version",
     "print_dict",
     "replace_slices_with_strings",
     "replace_strings_with_slices",
+    "update_class_from_dict",
 ]
 
 _SLICE = "slice("
+
+
+def class_to_dict(obj: object) -> Any:
+    """The attributes of an object as nested dicts; functions as ``"module:name"``, tensors and numbers as they are."""
+    if isinstance(obj, torch.Tensor) or not (isinstance(obj, Mapping) or hasattr(obj, "__dict__")):
+        return obj
+    items = obj if isinstance(obj, Mapping) else vars(obj)
+    return {key: _plain(value) for key, value in items.items() if not str(key).startswith("__")}
+
+
+def _plain(value: Any) -> Any:
+    if callable(value):
+        return callable_to_string(value)
+    if isinstance(value, (list, tuple)):
+        return type(value)([class_to_dict(part) for part in value])
+    return class_to_dict(value)
+
+
+def update_class_from_dict(obj: Any, data: Mapping[str, Any], _ns: str = "") -> None:
+    """Set attributes of an object, or entries of a dict, from a nested dict, in place.
+
+    Args:
+        obj: The object.
+        data: New values by name; dicts are merged into what is there.
+        _ns: Path of ``obj``, for error messages.
+
+    Raises:
+        KeyError: a name that ``obj`` does not have.
+        ValueError: a value of another type than the present one, unless one of both is ``None``.
+    """
+    for name, value in data.items():
+        path, has = f"{_ns}/{name}", name in obj if isinstance(obj, Mapping) else hasattr(obj, name)
+        if not has:
+            raise KeyError(f"'{path}': there is no such name")
+        present = obj[name] if isinstance(obj, Mapping) else getattr(obj, name)
+        if isinstance(value, Mapping) and present is not None:
+            update_class_from_dict(present, value, path)
+            continue
+        if isinstance(present, tuple) and isinstance(value, list):
+            value = tuple(value)
+        if callable(present) and isinstance(value, str):
+            value = string_to_callable(value)
+        number = isinstance(present, (int, float)) and isinstance(value, (int, float))
+        if not (present is None or value is None or number or isinstance(value, type(present)) or callable(present)):
+            raise ValueError(f"'{path}' is {type(value).__name__}, must be {type(present).__name__}")
+        if isinstance(obj, dict):
+            obj[name] = value
+        else:
+            setattr(obj, name, value)
 
 
 def replace_slices_with_strings(data: object) -> object:

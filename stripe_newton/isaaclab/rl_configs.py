@@ -113,14 +113,22 @@ class RslRlOnPolicyRunnerCfg(RslRlBaseRunnerCfg):
 
     class_name: str = "OnPolicyRunner"
     """Kind of runner in rsl_rl 3."""
-    policy: RslRlPpoActorCriticCfg = MISSING
-    """Networks."""
+    policy: RslRlPpoActorCriticCfg | None = None
+    """Networks of both, as Isaac Lab writes them for rsl_rl 3."""
+    actor: RslRlMLPModelCfg | None = None
+    """Network of the actor, as for rsl_rl 5, in place of ``policy``."""
+    critic: RslRlMLPModelCfg | None = None
+    """Network of the critic."""
     algorithm: RslRlPpoAlgorithmCfg = MISSING
     """Hyperparameters of PPO."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         if self.logger != "tensorboard":
             yield "logger", f"is '{self.logger}', which the dialect does not translate; use 'tensorboard'"
+        if (self.actor is None) != (self.critic is None):
+            yield "actor", "and critic must both be given, or neither"
+        if (self.actor is None) == (self.policy is None):
+            yield "policy", "has no value; give it, or actor and critic"
 
     def to_native(self) -> NativeRunnerCfg:
         """The same run as a config of :mod:`stripe_newton.rl`.
@@ -133,14 +141,14 @@ class RslRlOnPolicyRunnerCfg(RslRlBaseRunnerCfg):
         if problems:
             raise ConfigError(problems)
         groups = dict(self.obs_groups)
-        groups["actor"] = groups.pop("policy", ["policy"])
+        groups.setdefault("actor", groups.pop("policy", ["policy"]))
         names = ("seed", "num_steps_per_env", "max_iterations", "clip_actions", "save_interval", "experiment_name")
         return NativeRunnerCfg(
             **{name: getattr(self, name) for name in names},
             run_name=self.run_name,
             obs_groups=groups,
-            actor=_network(self, "actor"),
-            critic=_network(self, "critic"),
+            actor=_network(self, "actor") if self.actor is None else self.actor.copy(),
+            critic=_network(self, "critic") if self.critic is None else self.critic.copy(),
             algorithm=self.algorithm.copy(),
         )
 
@@ -148,7 +156,7 @@ class RslRlOnPolicyRunnerCfg(RslRlBaseRunnerCfg):
 def _missing(cfg: RslRlOnPolicyRunnerCfg) -> Iterator[str]:
     """Fields of the run and its networks without a value."""
     for owner, prefix in ((cfg, ""), (cfg.policy, "policy.")):
-        for name, value in vars(owner).items():
+        for name, value in vars(owner).items() if owner is not None else ():
             if value is MISSING:
                 yield f"{prefix}{name}: has no value"
 
@@ -156,6 +164,7 @@ def _missing(cfg: RslRlOnPolicyRunnerCfg) -> Iterator[str]:
 def _network(cfg: RslRlOnPolicyRunnerCfg, role: str) -> RslRlMLPModelCfg:
     """The network of the actor or the critic."""
     policy = cfg.policy
+    assert policy is not None  # `problems` says so
     fields: dict[str, Any] = {
         "hidden_dims": tuple(getattr(policy, f"{role}_hidden_dims")),
         "activation": policy.activation,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import logging
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,8 @@ def runner_of_skrl(config: Config, where: str) -> RslRlOnPolicyRunnerCfg:
     agent, policy, value = config["agent"], config["models"]["policy"], config["models"]["value"]
     if problems := list(_problems(agent, policy)):
         raise ConfigError([f"{where}: {text}; train this task with skrl itself" for text in problems])
+    if any("STATES" in str(block["input"]) for block in policy["network"]):  # skrl 1: a policy reads no states
+        policy, value = _of_skrl_2(policy), _of_skrl_2(value)
     normalized = agent.get("state_preprocessor") is not None
     steps = int(agent["rollouts"])
     if left_out := list(_left_out(config)):
@@ -132,6 +135,14 @@ def _network(
         return RslRlCNNModelCfg(cnn_cfg=_encoder(blocks[0]), **shared)
     text = f"{where}: models: a network over {', '.join(inputs)} is not translated; train this task with skrl itself"
     raise ConfigError([text])
+
+
+def _of_skrl_2(model: Config) -> Config:
+    """A model of skrl 1, which calls the observations STATES, as skrl 2 writes it."""
+    blocks = [
+        {**block, "input": re.sub(r"\bSTATES\b", "OBSERVATIONS", str(block["input"]))} for block in model["network"]
+    ]
+    return {**model, "network": blocks}
 
 
 def _encoder(block: Config) -> RslRlCNNModelCfg.CNNCfg:

@@ -36,8 +36,10 @@ __all__ = [
     "SpawnerCfg",
     "SphereCfg",
     "SphereLightCfg",
-    "UrdfFileCfg",
     "UsdFileCfg",
+    "WxyzFunc",
+    "deformable_problems",
+    "spawn_from_mjcf",
     "spawn_from_urdf",
     "spawn_from_usd",
     "spawn_ground_plane",
@@ -84,6 +86,13 @@ def spawn_from_urdf(
     return native.spawn_from_urdf(prim_path, cfg, translation, _xyzw(orientation))
 
 
+def spawn_from_mjcf(
+    prim_path: str, cfg: native.MjcfFileCfg, translation: Vector = None, orientation: Vector = None
+) -> Usd.Prim:
+    """:func:`stripe_newton.sim.spawn_from_mjcf` with an orientation (w, x, y, z)."""
+    return native.spawn_from_mjcf(prim_path, cfg, translation, _xyzw(orientation))
+
+
 def spawn_ground_plane(
     prim_path: str, cfg: native.GroundPlaneCfg, translation: Vector = None, orientation: Vector = None
 ) -> Usd.Prim:
@@ -119,32 +128,34 @@ def spawn_multi_usd_file(
     return native.spawn_multi_usd_file(prim_path, cfg, translation, _xyzw(orientation))
 
 
-def _deformable(props: object) -> Iterator[tuple[str, str]]:
+def deformable_problems(props: object) -> Iterator[tuple[str, str]]:
+    """The problem of a config with properties of deformable bodies."""
     if props is not None:
         yield "deformable_props", "is set, but deformable bodies are not simulated; use rigid_props"
 
 
-class _WxyzFunc:
+class WxyzFunc:
     """A spawner whose ``func`` takes (w, x, y, z), also one that the user wrote."""
 
     func: Spawn
 
     def spawn(self, prim_path: str, translation: Vector = None, orientation: Vector = None) -> Usd.Prim:
+        """Author the prim; ``orientation`` is (x, y, z, w), as the package calls it."""
         return self.func(prim_path, self, translation, _wxyz(orientation))
 
 
 @configclass
-class SpawnerCfg(_WxyzFunc, native.SpawnerCfg):
+class SpawnerCfg(WxyzFunc, native.SpawnerCfg):
     """Base of a user's spawners; ``func`` takes an orientation (w, x, y, z)."""
 
 
 @configclass
-class RigidObjectSpawnerCfg(_WxyzFunc, native.RigidObjectSpawnerCfg):
+class RigidObjectSpawnerCfg(WxyzFunc, native.RigidObjectSpawnerCfg):
     """Base of a user's spawners of rigid bodies; ``func`` takes an orientation (w, x, y, z)."""
 
 
 @configclass
-class UsdFileCfg(_WxyzFunc, native.UsdFileCfg):
+class UsdFileCfg(WxyzFunc, native.UsdFileCfg):
     """:class:`stripe_newton.sim.UsdFileCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_from_usd
@@ -161,11 +172,11 @@ class UsdFileCfg(_WxyzFunc, native.UsdFileCfg):
             yield from native.UsdFileCfg.problems(self)
         elif (problem := problem_of(self.usd_path)) is not None:
             yield "usd_path", problem
-        yield from _deformable(self.deformable_props)
+        yield from deformable_problems(self.deformable_props)
 
 
 @configclass
-class MultiUsdFileCfg(_WxyzFunc, native.MultiUsdFileCfg):
+class MultiUsdFileCfg(WxyzFunc, native.MultiUsdFileCfg):
     """:class:`stripe_newton.sim.MultiUsdFileCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     FILE_CFG: ClassVar[type[native.UsdFileCfg]] = UsdFileCfg
@@ -181,7 +192,7 @@ class MultiUsdFileCfg(_WxyzFunc, native.MultiUsdFileCfg):
 
 
 @configclass
-class MultiAssetSpawnerCfg(_WxyzFunc, native.MultiAssetSpawnerCfg):
+class MultiAssetSpawnerCfg(WxyzFunc, native.MultiAssetSpawnerCfg):
     """:class:`stripe_newton.sim.MultiAssetSpawnerCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_multi_asset
@@ -189,60 +200,53 @@ class MultiAssetSpawnerCfg(_WxyzFunc, native.MultiAssetSpawnerCfg):
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from native.MultiAssetSpawnerCfg.problems(self)
-        yield from _deformable(self.deformable_props)
+        yield from deformable_problems(self.deformable_props)
 
 
 @configclass
-class UrdfFileCfg(_WxyzFunc, native.UrdfFileCfg):
-    """:class:`stripe_newton.sim.UrdfFileCfg` whose ``func`` takes an orientation (w, x, y, z)."""
-
-    func: Spawn = spawn_from_urdf
-
-
-@configclass
-class GroundPlaneCfg(_WxyzFunc, native.GroundPlaneCfg):
+class GroundPlaneCfg(WxyzFunc, native.GroundPlaneCfg):
     """:class:`stripe_newton.sim.GroundPlaneCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_ground_plane
 
 
 @configclass
-class CapsuleCfg(_WxyzFunc, native.CapsuleCfg):
+class CapsuleCfg(WxyzFunc, native.CapsuleCfg):
     """:class:`stripe_newton.sim.CapsuleCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
 
 
 @configclass
-class ConeCfg(_WxyzFunc, native.ConeCfg):
+class ConeCfg(WxyzFunc, native.ConeCfg):
     """:class:`stripe_newton.sim.ConeCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
 
 
 @configclass
-class CuboidCfg(_WxyzFunc, native.CuboidCfg):
+class CuboidCfg(WxyzFunc, native.CuboidCfg):
     """:class:`stripe_newton.sim.CuboidCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
 
 
 @configclass
-class CylinderCfg(_WxyzFunc, native.CylinderCfg):
+class CylinderCfg(WxyzFunc, native.CylinderCfg):
     """:class:`stripe_newton.sim.CylinderCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
 
 
 @configclass
-class SphereCfg(_WxyzFunc, native.SphereCfg):
+class SphereCfg(WxyzFunc, native.SphereCfg):
     """:class:`stripe_newton.sim.SphereCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
 
 
 @configclass
-class MeshCapsuleCfg(_WxyzFunc, native.MeshCapsuleCfg):
+class MeshCapsuleCfg(WxyzFunc, native.MeshCapsuleCfg):
     """:class:`stripe_newton.sim.MeshCapsuleCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
@@ -250,11 +254,11 @@ class MeshCapsuleCfg(_WxyzFunc, native.MeshCapsuleCfg):
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from native.MeshCapsuleCfg.problems(self)
-        yield from _deformable(self.deformable_props)
+        yield from deformable_problems(self.deformable_props)
 
 
 @configclass
-class MeshConeCfg(_WxyzFunc, native.MeshConeCfg):
+class MeshConeCfg(WxyzFunc, native.MeshConeCfg):
     """:class:`stripe_newton.sim.MeshConeCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
@@ -262,11 +266,11 @@ class MeshConeCfg(_WxyzFunc, native.MeshConeCfg):
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from native.MeshConeCfg.problems(self)
-        yield from _deformable(self.deformable_props)
+        yield from deformable_problems(self.deformable_props)
 
 
 @configclass
-class MeshCuboidCfg(_WxyzFunc, native.MeshCuboidCfg):
+class MeshCuboidCfg(WxyzFunc, native.MeshCuboidCfg):
     """:class:`stripe_newton.sim.MeshCuboidCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
@@ -274,11 +278,11 @@ class MeshCuboidCfg(_WxyzFunc, native.MeshCuboidCfg):
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from native.MeshCuboidCfg.problems(self)
-        yield from _deformable(self.deformable_props)
+        yield from deformable_problems(self.deformable_props)
 
 
 @configclass
-class MeshCylinderCfg(_WxyzFunc, native.MeshCylinderCfg):
+class MeshCylinderCfg(WxyzFunc, native.MeshCylinderCfg):
     """:class:`stripe_newton.sim.MeshCylinderCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
@@ -286,11 +290,11 @@ class MeshCylinderCfg(_WxyzFunc, native.MeshCylinderCfg):
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from native.MeshCylinderCfg.problems(self)
-        yield from _deformable(self.deformable_props)
+        yield from deformable_problems(self.deformable_props)
 
 
 @configclass
-class MeshSphereCfg(_WxyzFunc, native.MeshSphereCfg):
+class MeshSphereCfg(WxyzFunc, native.MeshSphereCfg):
     """:class:`stripe_newton.sim.MeshSphereCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_shape
@@ -298,46 +302,46 @@ class MeshSphereCfg(_WxyzFunc, native.MeshSphereCfg):
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from native.MeshSphereCfg.problems(self)
-        yield from _deformable(self.deformable_props)
+        yield from deformable_problems(self.deformable_props)
 
 
 @configclass
-class LightCfg(_WxyzFunc, native.LightCfg):
+class LightCfg(WxyzFunc, native.LightCfg):
     """:class:`stripe_newton.sim.LightCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_light
 
 
 @configclass
-class CylinderLightCfg(_WxyzFunc, native.CylinderLightCfg):
+class CylinderLightCfg(WxyzFunc, native.CylinderLightCfg):
     """:class:`stripe_newton.sim.CylinderLightCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_light
 
 
 @configclass
-class DiskLightCfg(_WxyzFunc, native.DiskLightCfg):
+class DiskLightCfg(WxyzFunc, native.DiskLightCfg):
     """:class:`stripe_newton.sim.DiskLightCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_light
 
 
 @configclass
-class DistantLightCfg(_WxyzFunc, native.DistantLightCfg):
+class DistantLightCfg(WxyzFunc, native.DistantLightCfg):
     """:class:`stripe_newton.sim.DistantLightCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_light
 
 
 @configclass
-class DomeLightCfg(_WxyzFunc, native.DomeLightCfg):
+class DomeLightCfg(WxyzFunc, native.DomeLightCfg):
     """:class:`stripe_newton.sim.DomeLightCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_light
 
 
 @configclass
-class SphereLightCfg(_WxyzFunc, native.SphereLightCfg):
+class SphereLightCfg(WxyzFunc, native.SphereLightCfg):
     """:class:`stripe_newton.sim.SphereLightCfg` whose ``func`` takes an orientation (w, x, y, z)."""
 
     func: Spawn = spawn_light

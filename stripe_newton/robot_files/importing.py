@@ -16,6 +16,7 @@ from newton import GeoType, ShapeFlags
 from newton.solvers import SolverMuJoCo
 from pxr import Usd, UsdGeom
 
+from stripe_newton.matching import match_values
 from stripe_newton.usd import StageReport
 from stripe_newton.usd.attribute_table import MAX_COORDINATE
 from stripe_newton.usd.body_masses import MUJOCO_MINIMUM, mass_problems
@@ -126,11 +127,69 @@ def _add_urdf(
 ) -> list[Row]:
     own = dict(options)
     packages, visuals = own.pop("packages", None), own.get("parse_visuals_as_colliders", False)
+    gains = own.pop("joint_stiffness", None), own.pop("joint_damping", None)
+    capsules, merge = own.pop("replace_cylinders_with_capsules", False), own.pop("collapse_fixed_joints", False)
     text, rows = prepare_urdf(path, own.get("floating"), packages, visuals)
-    first = builder.joint_dof_count
+    start = BuilderStart(builder)
     builder.add_urdf(text, xform=xform, **own)
-    _open_empty_ranges(builder, first)
+    _open_empty_ranges(builder, start.dof)
+    _set_gains(builder, start, *gains)
+    if capsules:
+        _round_cylinders(builder, start.shape)
+    if merge:
+        _merge_fixed_joints(builder, start, text)
     return rows
+
+
+def _merge_fixed_joints(builder: newton.ModelBuilder, start: BuilderStart, text: str) -> None:
+    """Merge the bodies that fixed joints of an imported file connect.
+
+    Those of other files stay, the root's own joint, and joints with ``dont_collapse="true"``, as Isaac Sim's importer
+    has it: feet and hands that a task names are often such bodies.
+    """
+    kept = {
+        joint.get("name")
+        for joint in ElementTree.fromstring(text).iter("joint")
+        if joint.get("dont_collapse") == "true"
+    }
+    joints = range(builder.joint_count)
+    builder.collapse_fixed_joints(
+        joints_to_keep=[
+            j
+            for j in joints
+            if j < start.joint or builder.joint_parent[j] < 0 or builder.joint_label[j].rpartition("/")[2] in kept
+        ]
+    )
+
+
+def _set_gains(
+    builder: newton.ModelBuilder,
+    start: BuilderStart,
+    stiffness: float | dict[str, float] | None,
+    damping: float | dict[str, float] | None,
+) -> None:
+    """Give the drives of an imported file's hinges and sliders gains, where there are any."""
+    driven = (newton.JointType.REVOLUTE, newton.JointType.PRISMATIC)
+    joints = [j for j in range(start.joint, builder.joint_count) if builder.joint_type[j] in driven]
+    names, dofs = (
+        [builder.joint_label[j].rpartition("/")[2] for j in joints],
+        [builder.joint_qd_start[j] for j in joints],
+    )
+    for array, values in ((builder.joint_target_ke, stiffness), (builder.joint_target_kd, damping)):
+        for i, value in match_values(values, names, what="joint").items() if values is not None else ():
+            array[dofs[i]] = value
+            builder.joint_target_mode[dofs[i]] = int(
+                newton.JointTargetMode.from_gains(
+                    builder.joint_target_ke[dofs[i]], builder.joint_target_kd[dofs[i]], has_drive=True
+                )
+            )
+
+
+def _round_cylinders(builder: newton.ModelBuilder, first: int) -> None:
+    """Make capsules of the cylinders that collide; the scale of both is radius and half of the length."""
+    for shape in range(first, builder.shape_count):
+        if builder.shape_type[shape] == GeoType.CYLINDER and builder.shape_flags[shape] & ShapeFlags.COLLIDE_SHAPES:
+            builder.shape_type[shape] = int(GeoType.CAPSULE)
 
 
 def _open_empty_ranges(builder: newton.ModelBuilder, first: int) -> None:

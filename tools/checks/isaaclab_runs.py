@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tasks of Isaac Lab under the dialect: runs each that is registered, trains it, and says which fail and why.
 
-    python tools/checks/isaaclab_runs.py SOURCE [TASK ...] [--part NAME] [--steps N] [--train N] [--out FILE]
+    python tools/checks/isaaclab_runs.py SOURCE [TASK ...] [--part NAME] [--import MODULE] [--steps N] [--train N]
+        [--out FILE]
 
 ``SOURCE`` is the folder that holds ``isaaclab_tasks/`` and ``isaaclab_assets/``; ``TASK`` names tasks, by default all
-whose config is in the folder ``manager_based`` or ``direct`` that ``--part`` names. Each runs in a process of its own,
-with random actions, and must give finite observations and rewards; then ``stripe-newton train TASK --isaaclab`` runs
-for a few iterations. ``--out`` keeps the outcomes, one JSON object a line, and a later call goes on where it stopped.
+whose config is in the folder ``manager_based`` or ``direct`` that ``--part`` names. With ``--import``, they are those
+that a module of somebody's own project registers; the project's folder is in ``PYTHONPATH``. Each runs in a process of
+its own, with random actions, and must give finite observations and rewards; then ``stripe-newton train TASK
+--isaaclab`` runs for a few iterations. ``--out`` keeps the outcomes, one JSON object a line, and a later call goes on
+where it stopped.
 ``tools/documentation/isaaclab_table.py`` makes tables of them.
 """
 
@@ -14,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
 import io
 import json
 import logging
@@ -67,6 +71,17 @@ def tasks_of(part: str) -> dict[str, str]:
         if where.startswith(f"{isaaclab_tasks.__name__}.{part}."):
             found[task] = where.split(":")[0].split(".", 1)[1].replace(".", "/") + ".py"
     return dict(sorted(found.items(), key=lambda item: (item[1], item[0])))
+
+
+def tasks_of_project(module: str) -> dict[str, str]:
+    """Modules of the configs of all tasks that a module of a project registers when it is imported, by task."""
+    before = set(gymnasium.registry)
+    importlib.import_module(module)
+    adopt_tasks()
+    new = {task: gymnasium.spec(task) for task in set(gymnasium.registry) - before}
+    configs = {task: str(spec.kwargs.get("env_cfg_entry_point", "")) for task, spec in new.items()}
+    found = {task: config.split(":")[0] for task, config in configs.items() if not config.startswith("isaaclab_tasks.")}
+    return dict(sorted(found.items()))
 
 
 # ---- one task, in a process of its own
@@ -188,6 +203,7 @@ def main() -> int:
     parser.add_argument("source", type=Path)
     parser.add_argument("tasks", nargs="*")
     parser.add_argument("--part", default="manager_based")
+    parser.add_argument("--import", dest="module", metavar="MODULE", help="module that registers a project's tasks")
     parser.add_argument("--num-envs", type=int, default=4)
     parser.add_argument("--steps", type=int, default=100)
     parser.add_argument("--train", type=int, default=0, help="iterations; 0 trains nothing")
@@ -198,10 +214,10 @@ def main() -> int:
     warnings.simplefilter("ignore")
     logging.disable(logging.WARNING)
     dialect.install()
-    known = tasks_of(args.part)
+    known = tasks_of(args.part) if args.module is None else tasks_of_project(args.module)
     unknown = [task for task in args.tasks if task not in known]
     if unknown:
-        parser.error(f"no such task in '{args.part}': {', '.join(unknown)}")
+        parser.error(f"no such task in '{args.module or args.part}': {', '.join(unknown)}")
     done = kept_outcomes([args.out]) if args.out is not None and args.out.exists() else {}
     wanted = {task: file for task, file in known.items() if task in (args.tasks or known) and task not in done}
     failed = 0

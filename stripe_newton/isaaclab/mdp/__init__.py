@@ -19,6 +19,7 @@ from .command_terms import *  # noqa: F403
 from .commands import *  # noqa: F403
 from .curriculums import *  # noqa: F403
 from .events import *  # noqa: F403
+from .events import _randomize_prop_by_op  # noqa: F401
 from .fixed_tendons import *  # noqa: F403
 from .observations import *  # noqa: F403
 from .operational_space import *  # noqa: F403

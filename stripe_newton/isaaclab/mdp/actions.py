@@ -246,6 +246,7 @@ class DifferentialInverseKinematicsActionCfg(native.DifferentialInverseKinematic
     scalar_first: ClassVar[bool] = True
     class_type: type | None = DifferentialInverseKinematicsAction
     asset_name: str = MISSING
+    body_name: str | list[str] = MISSING  # type: ignore[assignment]  # Isaac Lab takes any expressions of one body
     joint_names: Sequence[str] = MISSING
     debug_vis: bool = False
     clip: dict[str, tuple[float, float]] | None = None

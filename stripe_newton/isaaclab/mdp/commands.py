@@ -70,6 +70,7 @@ class UniformPoseCommandCfg(native.UniformPoseCommandCfg):
     class_type: type | None = UniformPoseCommand
     scalar_first: ClassVar[bool] = True
     asset_name: str = MISSING
+    body_name: str | list[str] = MISSING  # type: ignore[assignment]  # Isaac Lab takes any expressions of one body
     resample: Callable[..., object] | None = wxyz.resample_uniform_pose
     update: Callable[..., object] | None = wxyz.pose_of_command
     goal_pose_visualizer_cfg: object = None

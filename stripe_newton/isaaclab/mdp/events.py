@@ -5,8 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import torch
+
 from stripe_kernels import mdp
 from stripe_newton.envs import RLEnv
+from stripe_newton.isaaclab import math
 
 from ..scene_entity import SceneEntityCfg
 from .warp_term import event_of
@@ -191,3 +194,46 @@ def reset_joints_by_offset(
 @event_of(mdp.reset_scene_to_default)
 def reset_scene_to_default(env: RLEnv, env_ids: object, reset_joint_targets: bool = False) -> None:
     """Reset every asset to its default state."""
+
+
+# -- a function that projects import, although its name says that it is internal
+
+_SAMPLES = {
+    "uniform": math.sample_uniform,
+    "log_uniform": math.sample_log_uniform,
+    "gaussian": math.sample_gaussian,
+}
+
+
+def _randomize_prop_by_op(
+    data: torch.Tensor,
+    distribution_parameters: tuple[float | torch.Tensor, float | torch.Tensor],
+    dim_0_ids: torch.Tensor | None,
+    dim_1_ids: torch.Tensor | slice,
+    operation: str,
+    distribution: str,
+) -> torch.Tensor:
+    """Randomise some rows and columns of a tensor, in place.
+
+    Args:
+        data: Shape ``(rows, columns)``.
+        distribution_parameters: Bounds, or mean and deviation of ``"gaussian"``.
+        dim_0_ids: The rows; ``None`` for all.
+        dim_1_ids: The columns; a slice means all.
+        operation: ``"add"``, ``"scale"`` or ``"abs"``.
+        distribution: ``"uniform"``, ``"log_uniform"`` or ``"gaussian"``.
+
+    Raises:
+        NotImplementedError: another operation or distribution.
+    """
+    if distribution not in _SAMPLES:
+        raise NotImplementedError(f"distribution: is '{distribution}', must be one of {', '.join(_SAMPLES)}")
+    if operation not in ("add", "scale", "abs"):
+        raise NotImplementedError(f"operation: is '{operation}', must be 'add', 'scale' or 'abs'")
+    rows = torch.arange(len(data), device=data.device) if dim_0_ids is None else dim_0_ids
+    columns = torch.arange(data.shape[1], device=data.device)
+    columns = columns if isinstance(dim_1_ids, slice) else torch.as_tensor(dim_1_ids, device=data.device).long()
+    at = rows[:, None], columns
+    drawn = _SAMPLES[distribution](*distribution_parameters, (len(rows), len(columns)), device=data.device)
+    data[at] = {"add": data[at] + drawn, "scale": data[at] * drawn, "abs": drawn}[operation]
+    return data

@@ -24,6 +24,13 @@ NAMES: dict[str, Table] = {
     "isaacsim.core.utils.stage": dialect("prims", "get_current_stage"),
     "isaacsim.core.utils.prims": dialect("prims", PRIMS),
     "omni": {},
+    "omni.ext": inert(_NO_APP, "IExt IExtLogger"),
+    "omni.ui": inert(
+        _NO_APP,
+        """Button CheckBox CollapsableFrame ColorWidget ComboBox DockPreference FloatDrag FloatField FloatSlider Frame
+        HStack Image IntDrag IntField IntSlider Label Line Plot Rectangle ScrollingFrame Separator Spacer StringField
+        VStack Window ZStack""",
+    ),
     "omni.kit.app": inert(_NO_APP, "get_app"),
     "omni.log": inert(_NO_APP, "error info verbose warn"),
     "omni.replicator.core": refused(_NO_REPLICATOR, "BasicWriter create distribution get modify randomizer trigger"),

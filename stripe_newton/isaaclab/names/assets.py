@@ -4,11 +4,16 @@
 from .entries import Table, dialect, refused, same
 
 NAMES: dict[str, Table] = {
-    "isaaclab.actuators": same(
-        "stripe_newton.actuators",
+    "isaaclab.actuators": dialect(
+        "actuator_configs",
         """ImplicitActuatorCfg IdealPDActuatorCfg DCMotorCfg DelayedPDActuatorCfg RemotizedPDActuatorCfg
-        ActuatorNetLSTMCfg ActuatorNetMLPCfg ActuatorBaseCfg=ActuatorCfg""",
-    ),
+        ActuatorNetLSTMCfg ActuatorNetMLPCfg""",
+    )
+    | dialect(
+        "actuators",
+        "ActuatorBase DCMotor DelayedPDActuator IdealPDActuator ImplicitActuator RemotizedPDActuator",
+    )
+    | same("stripe_newton.actuators", "ActuatorBaseCfg=ActuatorCfg"),
     "isaaclab.assets": dialect(
         "assets", "Articulation ArticulationCfg RigidObject RigidObjectCfg AssetBase AssetBaseCfg"
     )

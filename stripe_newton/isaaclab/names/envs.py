@@ -11,6 +11,7 @@ NAMES: dict[str, Table] = {
     "isaaclab.envs": dialect("direct_envs", "DirectRLEnv DirectRLEnvCfg DirectMARLEnv DirectMARLEnvCfg")
     | dialect("manager_envs", "ManagerBasedEnv ManagerBasedEnvCfg ManagerBasedRLEnv ManagerBasedRLEnvCfg")
     | dialect("simulation_cfg", "ViewerCfg")
+    | dialect("env_types", "ActionType AgentID EnvStepReturn ObsType SpaceType StateType VecEnvObs VecEnvStepReturn")
     | refused("mimic generates data by Isaac Sim's tools", "ManagerBasedRLMimicEnv MimicEnvCfg SubTaskConfig"),
     "isaaclab.envs.mdp": refused(
         _ROBOT_FREE,
@@ -28,6 +29,7 @@ NAMES: dict[str, Table] = {
         RecorderTerm RecorderTermCfg RewardManager RewardTermCfg TerminationManager TerminationTermCfg""",
     )
     | dialect("managers", "ObservationManager")
+    | dialect("manager_base", "ManagerBase")
     | dialect("scene_entity", "SceneEntityCfg")
     | dialect(
         "term_configs", "ActionTermCfg CommandTermCfg ManagerTermBaseCfg ObservationTermCfg RecorderManagerBaseCfg"

@@ -27,6 +27,5 @@ IGNORED_FIELDS: dict[str, dict[str, str]] = {
         "use_fabric": "Fabric is part of Omniverse",
         "create_stage_in_memory": "stages are always in memory",
     },
-    "UrdfFileCfg": _TENDONS,
     "UsdFileCfg": _TENDONS,
 }

@@ -17,7 +17,7 @@ NAMES: dict[str, Table] = {
         """RslRlBaseRunnerCfg RslRlOnPolicyRunnerCfg RslRlPpoActorCriticCfg RslRlPpoActorCriticRecurrentCfg
         RslRlPpoAlgorithmCfg RslRlRndCfg RslRlSymmetryCfg""",
     )
-    | same("stripe_newton.rl", "RslRlVecEnvWrapper")
+    | same("stripe_newton.rl", "RslRlCNNModelCfg RslRlMLPModelCfg RslRlRNNModelCfg RslRlVecEnvWrapper")
     | refused(
         _NO_DISTILLATION,
         """RslRlDistillationAlgorithmCfg RslRlDistillationRunnerCfg RslRlDistillationStudentTeacherCfg

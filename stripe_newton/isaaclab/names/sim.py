@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of Isaac Lab's simulation, spawners and markers."""
 
-from .entries import Table, dialect, inert, same
+from .entries import Table, dialect, inert, refused, same
 
 PRIMS = """create_prim define_prim delete_prim find_first_matching_prim find_matching_prim_paths find_matching_prims
     get_all_matching_child_prims get_current_stage get_first_matching_child_prim get_prim_at_path is_prim_path_valid
@@ -23,9 +23,11 @@ NAMES: dict[str, Table] = {
     | dialect("simulation_context", "SimulationContext build_simulation_context")
     | dialect("prims", PRIMS)
     | dialect("sensors", "PinholeCameraCfg")
+    | dialect("file_spawners", "MjcfFileCfg UrdfConverterCfg UrdfFileCfg")
+    | refused("files are imported as they are", "MjcfConverter MjcfConverterCfg UrdfConverter")
     | dialect(
         "spawners",
-        """UsdFileCfg UrdfFileCfg GroundPlaneCfg spawn_from_urdf spawn_from_usd spawn_ground_plane spawn_light
+        """UsdFileCfg GroundPlaneCfg spawn_from_mjcf spawn_from_urdf spawn_from_usd spawn_ground_plane spawn_light
         CapsuleCfg ConeCfg CuboidCfg CylinderCfg SphereCfg MeshCapsuleCfg MeshConeCfg MeshCuboidCfg MeshCylinderCfg
         MeshSphereCfg CylinderLightCfg DiskLightCfg DistantLightCfg DomeLightCfg LightCfg SphereLightCfg SpawnerCfg
         RigidObjectSpawnerCfg MultiAssetSpawnerCfg MultiUsdFileCfg spawn_multi_asset spawn_multi_usd_file""",

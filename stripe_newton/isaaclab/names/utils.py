@@ -3,7 +3,9 @@
 
 from .entries import Table, dialect, same
 
-_DICTIONARIES = "convert_dict_to_backend print_dict replace_slices_with_strings replace_strings_with_slices"
+_DICTIONARIES = """class_to_dict convert_dict_to_backend print_dict replace_slices_with_strings
+    replace_strings_with_slices update_class_from_dict"""
+_BUFFERS = "CircularBuffer DelayBuffer TimestampedBuffer"
 
 NAMES: dict[str, Table] = {
     "isaaclab.envs.utils.io_descriptors": dialect(
@@ -14,7 +16,10 @@ NAMES: dict[str, Table] = {
     ),
     "isaaclab.utils": dialect("configclass", "configclass")
     | dialect("dictionaries", _DICTIONARIES)
+    | dialect("buffers", _BUFFERS)
     | dialect("timer", "Timer"),
+    "isaaclab.utils.buffers": dialect("buffers", _BUFFERS),
+    "isaaclab.utils.types": dialect("env_types", "ArticulationActions"),
     "isaaclab.utils.assets": dialect(
         "files",
         """ISAACLAB_NUCLEUS_DIR ISAAC_NUCLEUS_DIR NUCLEUS_ASSET_ROOT_DIR NVIDIA_NUCLEUS_DIR check_file_path read_file

@@ -246,6 +246,14 @@ class UrdfFileCfg(_ImporterCfg):
     packages: dict[str, str] = {}
     """Folder of a ROS package by its name, for ``package://``. Others are looked for in ``ROS_PACKAGE_PATH`` and
     ``AMENT_PREFIX_PATH``, and above the file."""
+    joint_stiffness: float | dict[str, float] | None = None
+    """Position gain of the joints' drives [N/m or N m/rad], one or by joint-name expression; a URDF file has none.
+    Actuator groups override it."""
+    joint_damping: float | dict[str, float] | None = None
+    """Velocity gain of the joints' drives [N s/m or N m s/rad]."""
+    replace_cylinders_with_capsules: bool = False
+    """Collide by capsules in place of cylinders, of the same radius and with the cylinder's length between the centres
+    of their caps."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from super().problems()
@@ -254,7 +262,8 @@ class UrdfFileCfg(_ImporterCfg):
                 yield f"packages[{name!r}]", f"'{folder}' is no folder"
 
     def importer_options(self) -> dict[str, object]:
-        own = {"parse_visuals_as_colliders": self.parse_visuals_as_colliders, "packages": self.packages}
+        names = "parse_visuals_as_colliders", "packages", "joint_stiffness", "joint_damping"
+        own = {name: getattr(self, name) for name in (*names, "replace_cylinders_with_capsules")}
         return {**super().importer_options(), **own}
 
 
