@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -21,13 +22,15 @@ _OF_TASKS = ("train", "eval", "play", "bench")
 """Commands whose first argument is a task, and that take options for the fields of its configs."""
 _PATHS = ("--checkpoint", "--resume", "--sweep")
 """Options that name a file or folder that must be there."""
+_DEVICE = re.compile(r"cpu|cuda(:\d+)?")
 
 
 def check_early(command: str, argv: Sequence[str]) -> None:
     """Check what can be checked before the command is loaded, which takes seconds.
 
     Raises:
-        UserError: for no task, a task or file that does not exist, or options that do not go together.
+        UserError: for no task, a task or file that does not exist, a device that is none, or options that do not go
+            together.
         SystemExit: after help, or for an unknown option.
     """
     if command not in OPTIONS:
@@ -43,6 +46,10 @@ def check_early(command: str, argv: Sequence[str]) -> None:
         for value in _values(argv, name):
             if not _exists(value):
                 raise UserError(f"{name} {value if value.isprintable() else repr(value)}: does not exist")
+    for device in _values(argv, "--device"):
+        # Whether there is a GPU of that number is known when torch is loaded.
+        if not _DEVICE.fullmatch(device):
+            raise UserError(f"--device {device!r}: is not a device; 'cpu', 'cuda' or 'cuda:N' with its number")
     if task is not None:
         own = [task, *(word for word in _without_fields(argv) if word != task)]
         args: object = tyro.cli(
