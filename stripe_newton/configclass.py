@@ -176,7 +176,10 @@ def _clone(value: Any) -> Any:
         return {k: _clone(v) for k, v in value.items()}
     if type(value) in (list, tuple, set):
         return type(value)(_clone(v) for v in value)
-    return _copy.deepcopy(value)
+    try:
+        return _copy.deepcopy(value)
+    except (TypeError, _copy.Error):  # a module, a lock: it is shared, and the check of types may refuse it
+        return value
 
 
 def _nothing(self: object) -> None:

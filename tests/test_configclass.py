@@ -535,3 +535,9 @@ def test_numbers_of_numpy_become_plain_ones():
     assert (type(cfg.seed), type(cfg.part.mass), cfg.enabled) == (int, float, True)
     assert cfg.enabled is True
     assert type(cfg.gains) is np.ndarray
+
+
+def test_values_that_cannot_be_copied_are_shared_and_refused_by_type():
+    cfg = RobotCfg(path="a", func=math).copy()
+    with pytest.raises(ConfigError, match=r"func: is <module 'math'.*>, must be a function"):
+        cfg.validate()

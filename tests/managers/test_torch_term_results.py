@@ -9,6 +9,7 @@ import pytest
 import torch
 import warp as wp
 
+from stripe_newton.envs import mdp
 from stripe_newton.fusion import Eager
 from stripe_newton.managers import (
     EventManager,
@@ -109,3 +110,11 @@ def test_a_changed_term_is_checked_too():
     manager.compute_items()
     with pytest.raises(ValueError, match=r"metrics.own.func: '<lambda>\(\)' is called with the environment: too many"):
         manager.set_term_cfg("own", MetricTermCfg(func=lambda: 1.0))
+
+
+def test_an_event_returns_nothing():
+    context = manager_context(NUM_ENVS, "cartpole")
+    EventManager({"own": EventTermCfg(func=mdp.is_alive, mode="reset")}, context).reset_items()
+    assert context.problems == [
+        "events.own.func: 'is_alive' returns a value, which is no event: an event returns nothing"
+    ]
