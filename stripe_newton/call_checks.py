@@ -40,7 +40,11 @@ class _State(TypedDict):
 
 def described(value: object) -> str:
     """A value for a message: of a tensor its type and shape."""
-    return f"{value.dtype} of shape {tuple(value.shape)}" if isinstance(value, torch.Tensor) else short(value)
+    if not isinstance(value, torch.Tensor):
+        return short(value)
+    kind = "" if value.layout == torch.strided else f"{value.layout} ".replace("torch.", "")
+    on = " on 'meta', without values" if value.is_meta else ""
+    return f"{kind}{value.dtype} of shape {tuple(value.shape)}{on}"
 
 
 def to_tensor(name: str, value: object, must: str, device: str, dtype: torch.dtype | None = None) -> torch.Tensor:
@@ -59,7 +63,7 @@ def to_tensor(name: str, value: object, must: str, device: str, dtype: torch.dty
     try:
         found = torch.as_tensor(value, device=device)
         # Only where nothing is lost: torch would drop the imaginary part with a warning.
-        if not found.is_complex():
+        if not found.is_complex() and found.layout == torch.strided:
             return found if dtype is None else found.to(dtype)
     except (TypeError, ValueError, RuntimeError, OverflowError):  # texts, objects, lists of different lengths
         pass

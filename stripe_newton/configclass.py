@@ -178,7 +178,10 @@ def _clone(value: Any) -> Any:
         return {k: _clone(v) for k, v in value.items()}
     if type(value) in (list, tuple, set):
         return type(value)(_clone(v) for v in value)
-    return _copy.deepcopy(value)
+    try:
+        return _copy.deepcopy(value)
+    except (TypeError, _copy.Error):  # a module, a lock: it is shared, and the check of types may refuse it
+        return value
 
 
 def _nothing(self: object) -> None:
@@ -275,7 +278,13 @@ def _setattr(self: Config, name: str, value: object) -> None:
         _add_field(self, name)
     elif not _is_checked(vars(type(self)).get("__init__")):
         _check_decorated(type(self))  # here, too: the __init__ of @dataclass replaces the one that checks
-    object.__setattr__(self, name, value)
+    object.__setattr__(self, name, _plain(value))
+
+
+def _plain(value: object) -> object:
+    """A number of NumPy, as of ``np.arange``, as a plain one: Warp takes no other for a size, ``is True`` no other."""
+    is_number = type(value).__module__ == "numpy" and getattr(value, "shape", None) == ()
+    return value.item() if is_number and value.dtype.kind in "iufb" else value  # type: ignore[attr-defined]
 
 
 def config_with(cfg: AnyConfig, fields: Mapping[str, object]) -> AnyConfig:

@@ -527,3 +527,17 @@ def test_a_dataclass_in_its_place_is_refused_by_name():
         length: float = 1.0
 
     assert Both(length=2.0).length == 2.0
+
+
+def test_numbers_of_numpy_become_plain_ones():
+    cfg = RobotCfg(seed=np.arange(4)[3], enabled=np.bool_(True))
+    cfg.part.mass = np.float32(0.5)
+    assert (type(cfg.seed), type(cfg.part.mass), cfg.enabled) == (int, float, True)
+    assert cfg.enabled is True
+    assert type(cfg.gains) is np.ndarray
+
+
+def test_values_that_cannot_be_copied_are_shared_and_refused_by_type():
+    cfg = RobotCfg(path="a", func=math).copy()
+    with pytest.raises(ConfigError, match=r"func: is <module 'math'.*>, must be a function"):
+        cfg.validate()

@@ -107,6 +107,9 @@ def _dispatch(args: list[str], is_program: bool = False) -> int:
         if len(word) > _LONGEST_ARGUMENT:  # a message about it would fill the terminal
             given = f"{before} {word[:20]}...".strip() if before.startswith("-") else f"{word[:20]}..."
             raise UserError(f"{given}: has {len(word)} characters, {_LONGEST_ARGUMENT} at most")
+        if not _is_text(word):  # a name of a file, which may be any bytes; torch and tensorboard take text alone
+            encoding = sys.getfilesystemencoding()
+            raise UserError(f"{word!r}: has bytes that are not {encoding}; rename the file or folder")
     args = use_dialect(args)
     if not args or args[0] in ("-h", "--help"):
         print(_usage())
@@ -132,6 +135,15 @@ def _dispatch(args: list[str], is_program: bool = False) -> int:
 
         import_quickly()
     return importlib.import_module(COMMANDS[args[0]][0]).run(words)
+
+
+def _is_text(word: str) -> bool:
+    """Whether an argument can be written as UTF-8: one whose bytes Python could not read cannot."""
+    try:
+        word.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _device_of(command: str, words: Sequence[str]) -> str | None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -11,7 +12,8 @@ from pathlib import Path
 import tyro
 
 from .arguments import task_of
-from .options import OPTIONS, PlayArgs
+from .live_view import check_address
+from .options import OPTIONS, PlayArgs, TrainArgs
 from .tasks import task_argument
 from .user_error import UserError
 
@@ -21,13 +23,23 @@ _OF_TASKS = ("train", "eval", "play", "bench")
 """Commands whose first argument is a task, and that take options for the fields of its configs."""
 _PATHS = ("--checkpoint", "--resume", "--sweep")
 """Options that name a file or folder that must be there."""
+_DEVICE = re.compile(r"cpu|cuda(:\d+)?")
+_SHORT_FOR = {
+    "--num-envs": ("--env.scene.num-envs",),
+    "--max-iterations": ("--agent.max-iterations",),
+    "--seed": ("--agent.seed", "--env.seed"),
+    "--device": ("--env.sim.device",),
+    "--runner": ("--agent.runner",),
+}
+"""Options that are short for fields."""
 
 
 def check_early(command: str, argv: Sequence[str]) -> None:
     """Check what can be checked before the command is loaded, which takes seconds.
 
     Raises:
-        UserError: for no task, a task or file that does not exist, or options that do not go together.
+        UserError: for no task, a task or file that does not exist, a device or port that is none, or options that do
+            not go together.
         SystemExit: after help, or for an unknown option.
     """
     if command not in OPTIONS:
@@ -43,6 +55,11 @@ def check_early(command: str, argv: Sequence[str]) -> None:
         for value in _values(argv, name):
             if not _exists(value):
                 raise UserError(f"{name} {value if value.isprintable() else repr(value)}: does not exist")
+    for device in _values(argv, "--device"):
+        # Whether there is a GPU of that number is known when torch is loaded.
+        if not _DEVICE.fullmatch(device):
+            raise UserError(f"--device {device!r}: is not a device; 'cpu', 'cuda' or 'cuda:N' with its number")
+    _check_named_once(argv)
     if task is not None:
         own = [task, *(word for word in _without_fields(argv) if word != task)]
         args: object = tyro.cli(
@@ -50,6 +67,18 @@ def check_early(command: str, argv: Sequence[str]) -> None:
         )
         if isinstance(args, PlayArgs):
             args.check()
+        if isinstance(args, (PlayArgs, TrainArgs)) and args.viewer == "viser":
+            check_address(args.host, args.port)
+
+
+def _check_named_once(argv: Sequence[str]) -> None:
+    """Refuse an option beside the field that it is short for, with another value: one of them would have no effect."""
+    words = [word.replace("_", "-") if word.startswith("--") else word for word in argv]
+    for option, fields in _SHORT_FOR.items():
+        for field in fields:
+            short, long = _values(words, option)[-1:], _values(words, field)[-1:]
+            if short and long and short != long:
+                raise UserError(f"{option} {short[0]} is short for {field}, which is {long[0]}; give one of them")
 
 
 def with_flag_values(command: str, argv: Sequence[str]) -> list[str]:

@@ -198,6 +198,14 @@ def _architecture(device: str) -> str:
     return "cpu" if device == "cpu" else f"sm{wp.get_device(device).arch}"
 
 
+def _is_there(device: str) -> bool:
+    """Whether this machine has a device, by Warp."""
+    import warp as wp  # here, as start_early must not import it
+
+    wp.init()
+    return device in [str(found) for found in wp.get_devices()] or (device == "cuda" and wp.is_cuda_available())
+
+
 def compile_shares(device: str, shares: Sequence[Sequence[str]]) -> bool:
     """Compile each share in a process of its own, forked when all is imported. Returns whether all ended well.
 
@@ -261,6 +269,8 @@ def main(words: Sequence[str]) -> None:
     end_on_signals()
     with contextlib.suppress(KeyboardInterrupt):
         CompileLog.install()
+        if not _is_there(words[1]):  # the command says so
+            sys.exit(1)
         warm_up(words[1])
 
 

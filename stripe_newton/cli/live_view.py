@@ -13,10 +13,11 @@ if TYPE_CHECKING:
     from stripe_newton.viewers import LiveViewer, ViewerCfg
     from stripe_newton.viewers.live.checkpoint_panel import Checkpoints
 
-__all__ = ["FPS", "check_installed", "open_viewer"]
+__all__ = ["FPS", "check_address", "check_installed", "open_viewer"]
 
 FPS = 30.0
 """Most pictures per second."""
+_MOST_PORT = 65535
 
 
 def check_installed() -> None:
@@ -27,6 +28,18 @@ def check_installed() -> None:
     """
     if importlib.util.find_spec("viser") is None:
         raise UserError('--viewer viser: is not installed; pip install "stripe-newton[viser]", or another --viewer')
+
+
+def check_address(host: str, port: int) -> None:
+    """Refuse what is no address to listen on.
+
+    Raises:
+        UserError: for a port beyond those that there are, or an empty address, which would mean all interfaces.
+    """
+    if not host.strip():
+        raise UserError(f"--host {host!r}: is empty; an address of this machine, or 0.0.0.0 for all of them")
+    if not 1 <= port <= _MOST_PORT:
+        raise UserError(f"--port {port}: must be from 1 to {_MOST_PORT}")
 
 
 def open_viewer(
@@ -59,6 +72,7 @@ def open_viewer(
     Raises:
         UserError: viser is not installed, the address is none of this machine's, or no port is free.
     """
+    check_address(host, port)
     from stripe_newton.viewers import LiveViewer  # here, as it needs viser, which need not be installed
 
     try:

@@ -84,6 +84,10 @@ def _train(task: str, argv: Sequence[str]) -> int:
         raise UserError(f"--jobs {args.jobs}: is for sweeps; give --sweep FILE too")
     changes = differences(before, {name: cfg.to_dict() for name, cfg in vars(configs).items()}) if resumed else {}
     keeps_episodes = check_changes(resume, changes, args.allow_changes)
+    if resumed is not None and peek(argv, "--log-dir") and args.log_dir.resolve() not in resumed.path.resolve().parents:
+        print(
+            f"warning: --log-dir {args.log_dir} has no effect: {resumed.path} is resumed where it is", file=sys.stderr
+        )
     if resumed is not None and checkpoint is None:
         print(f"{resume} contains no checkpoint yet: it starts anew")
     total_envs, from_default = configs.env.scene.num_envs, _changes_from_default(task, configs)

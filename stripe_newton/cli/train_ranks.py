@@ -86,7 +86,7 @@ def split_over_ranks(configs: Configs) -> None:
     total = env.scene.num_envs
     if total % me.size:
         near = max(1, round(total / me.size)) * me.size
-        raise UserError(f"{total} environments cannot be split evenly over {me.size} processes; {near} can")
+        raise UserError(f"--num-envs: {total} environments cannot be split evenly over {me.size} processes; {near} can")
     # The shortcuts of `train` have set both.
     assert env.seed is not None
     assert env.sim.device is not None

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, SupportsIndex
 
 import numpy as np
 import torch
@@ -36,6 +36,7 @@ from .env_state import EnvState, restore_state, save_state
 from .output_block import OutputBlock
 from .rl_env_cfg import RLEnvCfg
 from .safety import Safety
+from .single_caller import SingleCaller
 
 if TYPE_CHECKING:
     from stripe_newton.viewers import SceneRenderer
@@ -111,6 +112,7 @@ class SteppedScene:
             raise ValueError(f"render_mode: is {short(render_mode)}, must be None or 'rgb_array'")
         self.cfg = _completed(cfg, type(self).__name__)
         self.render_mode = render_mode
+        self._single_caller = SingleCaller(type(self).__name__)
         if self.cfg.seed is not None:
             self._seed_host(self.cfg.seed)  # before the scene, as hooks draw from torch and NumPy while they make it
         self.sim = type(self).simulation_class(self.cfg.sim)
@@ -282,20 +284,21 @@ class SteppedScene:
 
         Raises:
             ValueError: if the shape of the actions does not fit, or they are not finite and the config says to raise.
-            RuntimeError: if contacts or constraints were dropped, naming the size to set; or if the environment is
-                closed.
+            RuntimeError: if contacts or constraints were dropped, naming the size to set; if the environment is
+                closed; or if it is called within another step, by a second thread or by a hook.
         """
         self._check_open()
-        action = self._checked_action(action)
-        # On the host, before anything is launched: overflows that the device has reported, arrays that were replaced.
-        self.begin_step()
-        # The actions are copied into memory that the graphs read, as a graph cannot read the caller's tensor.
-        self._take_action(action)
-        # All stages, in the order of _stages(): physics, terminations and rewards of the episodes under way, resets,
-        # then commands, sensors and observations, which see the new episodes.
-        self.plan.run(self._replays())
-        # The results are copied out, as the next step overwrites the memory that they stand in.
-        return self.finish_step()
+        with self._single_caller:
+            action = self._checked_action(action)
+            # On the host, before anything is launched: overflows that the device has reported, replaced arrays.
+            self.begin_step()
+            # The actions are copied into memory that the graphs read, as a graph cannot read the caller's tensor.
+            self._take_action(action)
+            # All stages, in the order of _stages(): physics, terminations and rewards of the episodes under way,
+            # resets, then commands, sensors and observations, which see the new episodes.
+            self.plan.run(self._replays())
+            # The results are copied out, as the next step overwrites the memory that they stand in.
+            return self.finish_step()
 
     # -- the parts of a step: step() runs them, and so does a user who records the step in a CUDA graph (GraphStep)
 
@@ -527,6 +530,13 @@ class SteppedScene:
 
     def __enter__(self) -> Self:
         return self
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        """Refuse to be copied or pickled, as for a process that is spawned: memory of a device cannot be."""
+        raise TypeError(
+            f"{type(self).__name__}: an environment cannot be copied or pickled; make another of its config, env.cfg, "
+            "in the process that uses it"
+        )
 
     def __exit__(self, *error: object) -> None:
         self.close()

@@ -137,6 +137,8 @@ def _function_problems(binding: TermBinding, kind: str) -> Iterator[str]:
     if wanted is not None and returned is not wanted:
         has = f"returns {getattr(returned, '__name__', returned)}" if returned else "has no return annotation"
         yield f"{binding.where}.func: '{binding.name}' {has}, a {kind} must be annotated '-> {wanted.__name__}'"
+    if kind == "event" and returned not in (None, type(None)):
+        yield f"{binding.where}.func: '{binding.name}' returns a value, which is no event: an event returns nothing"
     if kind == "observation" and "out" not in binding.types:
         yield (
             f"{binding.where}.func: '{binding.name}' has no argument 'out: wp.array[float]', to which an observation "

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, ClassVar, Literal
 
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.value_types import AnyFloat, NonNegativeFloat, UnitFloat
+from stripe_newton.value_types import AnyFloat, NonNegativeFloat, NonNegativeInt, UnitFloat
 
 __all__ = [
     "CommandManagerCfg",
@@ -58,7 +58,7 @@ class CommandTermCfg:
     """Warp function that samples a command."""
     update: Callable[..., object] | None = None
     """Warp function that updates the command in every step."""
-    size: int = 0
+    size: NonNegativeInt = 0
     """Number of values of the command."""
     params: dict[str, Any] = {}
     """Further arguments of the functions."""

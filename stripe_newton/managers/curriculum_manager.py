@@ -53,6 +53,7 @@ class CurriculumManager(TermManager[CurriculumTermCfg]):
     """
 
     name: ClassVar[str] = "curriculum"
+    TORCH_ARGUMENTS = 1
 
     def __init__(self, cfg: object, context: ManagerContext):
         super().__init__(cfg, context, CurriculumTermCfg)

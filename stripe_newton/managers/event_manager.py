@@ -35,6 +35,7 @@ class EventManager(TermManager[EventTermCfg]):
 
     name: ClassVar[str] = "events"
     FIXED = ("mode", "is_global_time")
+    TORCH_ARGUMENTS = 1
 
     def __init__(self, cfg: object, context: ManagerContext):
         super().__init__(cfg, context, EventTermCfg)

@@ -107,6 +107,9 @@ class ManagerBase:
                 self.context.problems.append(f"{path}.{name}: is {what}, must be {kind.__name__} or None")
             elif is_config(term) and func is MISSING:
                 self.context.problems.append(f"{path}.{name}.func: is missing, set the function")
+            elif isinstance(func, wp.Kernel):
+                text = f"is the kernel '{func.key}', must be a function: write @wp.func in place of @wp.kernel"
+                self.context.problems.append(f"{path}.{name}.func: {text}")
             elif not inspect.isclass(func):
                 good[name] = term
             elif issubclass(func, ManagerTermBase):

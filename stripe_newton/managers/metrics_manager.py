@@ -77,7 +77,7 @@ class MetricsManager(TermManager[MetricTermCfg]):
         call, sums = self.call(name), self.context.torch(self._sums)
 
         def add() -> None:
-            sums[:, index] += call()
+            sums[:, index] += call.number_per_env(f"{self.name}.{name}")
 
         return add
 

@@ -14,7 +14,7 @@ from stripe_kernels.term_info import Each, observation_size
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.fusion import Code, Name, TermCall, bind_term, code, resolve_entities
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
-from stripe_newton.value_types import AnyFloat, NonNegativeInt
+from stripe_newton.value_types import AnyFloat, NonNegativeInt, PositiveInt
 
 from .context import ManagerContext
 from .image import Picture, find_picture, image
@@ -46,7 +46,7 @@ class ObservationTermCfg:
     """Warp function ``(env, ..., out)``, or torch function ``(env, **params)`` that returns ``(num_envs, size)``."""
     params: dict[str, Any] = {}
     """Further arguments of the function."""
-    size: int | Callable[[Mapping[str, int]], int] | None = None
+    size: PositiveInt | Callable[[Mapping[str, int]], int] | None = None
     """Number of values, or a function of the lengths of its index arrays. None where ``@writes`` declares it, as for
     the terms of ``mdp``, and for a torch term: it is called once, when the environment is made, to find its size."""
     modifiers: Sequence[ModifierCfg] | None = ()
@@ -233,6 +233,9 @@ def _infer_size(context: ManagerContext, path: str, cfg: ObservationTermCfg) -> 
         context.problems.append(f"{path}.func: {text}")
         return None
     shape = tuple(values.shape) if isinstance(values, torch.Tensor) else type(values).__name__
+    if isinstance(values, torch.Tensor) and values.is_complex():
+        context.problems.append(f"{path}.func: returned {values.dtype}, must return real numbers")
+        return None
     if shape == (context.num_envs,):
         return 1
     if not isinstance(shape, tuple) or len(shape) != 2 or shape[0] != context.num_envs or shape[1] < 1:

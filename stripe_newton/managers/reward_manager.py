@@ -154,7 +154,7 @@ class RewardManager(TermManager[RewardTermCfg]):
         call = self.call(name)
 
         def evaluate() -> None:
-            self.step_reward[:, index] = call()
+            self.step_reward[:, index] = call.number_per_env(f"{self.name}.{name}")
 
         return evaluate
 

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import torch
 import warp as wp
 
+from stripe_newton.call_checks import described
 from stripe_newton.fusion import SceneEntityCfg, resolve_entities
 
 from .context import ManagerContext
@@ -51,6 +53,40 @@ class TorchCall:
         """Call the term with the environment, further arguments, and the parameters."""
         return self.function(self._context.owner, *args, **self.params)
 
+    def number_per_env(self, path: str) -> torch.Tensor | float:
+        """Call the term, which must return real numbers, shape ``(num_envs,)``, or one plain number for all.
+
+        Args:
+            path: Path of the term, for the message.
+
+        Raises:
+            ValueError: if it returns something else.
+        """
+        value = self()
+        if isinstance(value, torch.Tensor):
+            # A tensor of one number for all is refused: it is nearly always a sum or mean that lacks its dimension.
+            is_right = tuple(value.shape) == (self._context.num_envs,) and not value.is_complex() and not value.is_meta
+        else:
+            is_right = isinstance(value, (bool, int, float))
+        if not is_right:
+            hint = ", as by torch.sum(..., dim=1)" if isinstance(value, torch.Tensor) and value.dim() != 1 else ""
+            must = f"one number for each environment, shape ({self._context.num_envs},){hint}"
+            raise ValueError(f"{path}: '{_name(self.function)}' returned {described(value)}, must return {must}")
+        return value
+
+    def problem(self, extra: int) -> str | None:
+        """Why the function cannot be called with the environment, ``extra`` arguments and its parameters, or None."""
+        try:
+            signature = inspect.signature(self.function)
+        except (TypeError, ValueError):  # functions in C have none
+            return None
+        try:
+            signature.bind(*[None] * (1 + extra), **self.params)
+        except TypeError as error:
+            given = ["the environment", *["env_ids"] * extra, *self.params]
+            return f"'{_name(self.function)}{signature}' is called with {', '.join(given)}: {error}"
+        return None
+
 
 class TermManager(ManagerBase, Generic[Cfg]):
     """Base of managers whose config has a function for each term.
@@ -61,6 +97,8 @@ class TermManager(ManagerBase, Generic[Cfg]):
 
     FIXED: ClassVar[tuple[str, ...]] = ()
     """Fields of a term's config that cannot change."""
+    TORCH_ARGUMENTS: ClassVar[int] = 0
+    """Arguments of a torch term between the environment and its parameters, such as ``env_ids``."""
 
     def __init__(self, cfg: object, context: ManagerContext, kind: type[Cfg]):
         """Read the terms, which are configs of class ``kind``."""
@@ -97,6 +135,8 @@ class TermManager(ManagerBase, Generic[Cfg]):
             raise ValueError(
                 f"{path}: {', '.join(fixed)} cannot change while the environment runs; of a Warp term only numbers can"
             )
+        if not is_warp_term(cfg.func) and (problem := TorchCall(self.context, cfg).problem(self.TORCH_ARGUMENTS)):
+            raise ValueError(f"{path}.func: {problem}")
         self._terms[term_name] = cfg
         self.cfg = with_terms(self.cfg, {term_name: cfg})
         self._set_numbers(path, vars(cfg))
@@ -109,7 +149,9 @@ class TermManager(ManagerBase, Generic[Cfg]):
     def call(self, name: str) -> TorchCall:
         """The call of a torch term, which follows :meth:`set_term_cfg`."""
         if name not in self._calls:
-            self._calls[name] = TorchCall(self.context, self._terms[name])
+            self._calls[name] = call = TorchCall(self.context, self._terms[name])
+            if problem := call.problem(self.TORCH_ARGUMENTS):
+                self.context.problems.append(f"{self.name}.{name}.func: {problem}")
         return self._calls[name]
 
     def _set_numbers(self, path: str, values: Mapping[str, Any]) -> None:
@@ -134,6 +176,10 @@ class TermManager(ManagerBase, Generic[Cfg]):
         """What a term is bound to. It is copied, as configs may be changed in place."""
         params = {k: v.replace() if isinstance(v, SceneEntityCfg) else v for k, v in cfg.params.items()}
         return {"func": cfg.func, "params": params} | {k: getattr(cfg, k) for k in self.FIXED}
+
+
+def _name(function: object) -> str:
+    return getattr(function, "__name__", type(function).__name__)
 
 
 def _same(a: object, b: object) -> bool:

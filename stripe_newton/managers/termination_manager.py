@@ -127,7 +127,7 @@ class TerminationManager(TermManager[TerminationTermCfg]):
         out = self.context.torch(self.context.episode.term_terminated)
 
         def evaluate() -> None:
-            out[:, index] = call()
+            out[:, index] = call.number_per_env(f"{self.name}.{name}")
 
         return evaluate
 

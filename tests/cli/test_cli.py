@@ -70,6 +70,18 @@ def test_help_shows_fields_of_the_task(capsys):
         (["train", TASK, "--env.scene.num-env", "3"], "--env.scene.num-envs"),
         (["train", TASK, "--env.scene.num-envs", "abc"], "invalid literal for int()"),
         (["train", TASK, "--device", "cuda:77"], "there is no such device"),
+        (["bench", TASK, "--device=gpu"], "--device 'gpu': is not a device; 'cpu', 'cuda' or 'cuda:N'"),
+        (["train", TASK, "--log-dir", "l\udcefgs"], r"'l\udcefgs': has bytes that are not utf-8; rename the file"),
+        (
+            ["train", TASK, "--seed", "1", "--agent.seed=2"],
+            "--seed 1 is short for --agent.seed, which is 2; give one of them",
+        ),
+        (
+            ["bench", TASK, "--env.scene.num_envs", "3", "--num-envs", "2"],
+            "--num-envs 2 is short for --env.scene.num-env",
+        ),
+        (["train", TASK, "--viewer", "viser", "--port", "99999"], "--port 99999: must be from 1 to 65535"),
+        (["play", TASK, "--agent", "zero", "--viewer", "viser", "--host", ""], "--host '': is empty; an address of"),
         (["train", TASK, "--resume", "nowhere"], "nowhere: does not exist"),
         (["train", TASK, "--runner", "x" * 5000], "--runner xxxxxxxxxxxxxxxxxxxx...: has 5000 characters, 4096 at"),
         (["train", TASK, "--resume", "."], "contains no checkpoint"),

@@ -3,6 +3,10 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+import threading
+
 import numpy as np
 import pytest
 import torch
@@ -49,6 +53,11 @@ CALLS = [
     (lambda env: env.step("left"), r"action: is 'left', must be a tensor of shape \(4, 1\)"),
     (lambda env: env.step(None), "action: is None, must be"),
     (lambda env: env.step(torch.zeros(4, 1, dtype=torch.complex64)), "action: is torch.complex64 of shape"),
+    (lambda env: env.step(torch.zeros(4, 1).to_sparse()), "action: is sparse_coo torch.float32 of shape"),
+    (lambda env: env.step(torch.zeros(4, 1, device="meta")), "action: is torch.float32 .* on 'meta', without values"),
+    (lambda env: copy.copy(env), r"CartpoleEnv: an environment cannot be copied or pickled; .* its config, env.cfg"),
+    (lambda env: copy.deepcopy(env), "an environment cannot be copied or pickled"),
+    (lambda env: pickle.dumps(env), "an environment cannot be copied or pickled"),
     (lambda env: env.step(torch.zeros(3)), r"actions have shape \(3,\), expected \(4, 1\)"),
     (lambda env: setattr(env, "episode_length_buf", torch.zeros(3)), "episode_length_buf: is torch.float32 of shape"),
     (
@@ -147,3 +156,33 @@ def test_made_in_an_inference_mode():
     env.reset()
     env.step(torch.zeros(4, 1))
     env.close()
+
+
+def test_a_step_within_a_step(env):
+    """Of a hook at its own environment, and of a second thread: an error, after which the environment is as before."""
+    said = []
+
+    def step():
+        try:
+            env.step(torch.zeros(4, 1))
+        except RuntimeError as error:
+            said.append(str(error))
+
+    taken, action = env._take_action, torch.zeros(4, 1)
+    env._take_action = lambda value: (step(), _run(step), taken(value))
+    try:
+        env.step(action)
+    finally:
+        del env._take_action
+    assert len(said) == 2
+    assert all("step() was called within a step; call it from one thread at a time" in text for text in said)
+    with pytest.raises(ValueError, match="expected"):
+        env.step(torch.zeros(3))
+    _run(step)
+    assert len(said) == 2
+
+
+def _run(function):
+    thread = threading.Thread(target=function)
+    thread.start()
+    thread.join()

@@ -10,6 +10,7 @@ import numpy as np
 from pxr import Usd
 
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.value_types import Seed
 
 from .from_files import UsdFileCfg
 from .spawner_cfg import Orientation, RigidObjectSpawnerCfg, SpawnerCfg, Translation
@@ -26,7 +27,7 @@ class AssetChoiceCfg(SpawnerCfg):
 
     random_choice: bool = True
     """Draw the asset of each environment; otherwise they take turns."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the draw."""
 
     def assets(self) -> list[SpawnerCfg]:

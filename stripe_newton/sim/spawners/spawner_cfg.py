@@ -9,6 +9,7 @@ from typing import ClassVar
 from pxr import Gf, Usd, UsdGeom, UsdSemantics
 
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.value_types import Seed
 
 from .schemas import CollisionPropertiesCfg, MassPropertiesCfg, RigidBodyPropertiesCfg
 
@@ -67,7 +68,7 @@ class RigidObjectSpawnerCfg(SpawnerCfg):
 class SceneSpawnerCfg(SpawnerCfg):
     """Base of the spawners that make a whole scene from a seed, so that ``scene.regenerate`` can make another."""
 
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the scene."""
 
     def made_stage(self) -> Usd.Stage:

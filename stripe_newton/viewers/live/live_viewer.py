@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LiveViewer"]
 
+_MOST_PORT = 65535
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 """Addresses that only this machine reaches."""
 _MOST_AT_FIRST = 16
@@ -77,6 +78,7 @@ class LiveViewer:
         ImportError: viser is not installed.
         TypeError: ``subject`` has no simulation.
         OSError: This machine has no such address, or no port is free.
+        ValueError: There is no such port.
         IndexError: An environment that the simulation does not have.
         ConfigError: ``cfg`` has a problem.
     """
@@ -98,6 +100,8 @@ class LiveViewer:
     ):
         if importlib.util.find_spec("viser") is None:
             raise ImportError('the live viewer needs viser: pip install "stripe-newton[viser]"')
+        if not 1 <= port <= _MOST_PORT:  # viser would wait for its server without end
+            raise ValueError(f"port: is {port}, must be from 1 to {_MOST_PORT}")
         self._env, self._sim = what_is_viewed(subject)
         self._cfg = viewer_cfg_of(self._env) if cfg is None else cfg
         self._cfg.validate()

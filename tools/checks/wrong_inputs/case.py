@@ -26,7 +26,7 @@ class Case:
     group: str
     """Row of the table."""
     kind: str
-    """How it is tried: ``config``, ``command`` or ``call``."""
+    """How it is tried: ``config``, ``command``, ``call`` or ``process``."""
     what: str
     """The input in words."""
     data: dict[str, Any]

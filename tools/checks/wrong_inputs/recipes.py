@@ -44,6 +44,11 @@ def _yaml_set(file: str, path: str, value: str) -> None:
     Path(file).write_text(yaml.safe_dump(data))
 
 
+def _rename(path: str, other: str) -> None:
+    Path(other).parent.mkdir(parents=True, exist_ok=True)
+    Path(path).rename(other)
+
+
 def _newest(run: str) -> Path:
     return sorted(Path(run, "checkpoints").glob("*.pt"), key=lambda p: int(p.stem.rpartition("_")[2]))[-1]
 
@@ -241,6 +246,8 @@ RECIPES: dict[str, Callable[..., object]] = {
     "write_bytes": lambda file, text: Path(file).write_bytes(bytes.fromhex(text)),
     "mkdir": lambda path: Path(path).mkdir(),
     "mkfifo": os.mkfifo,
+    "rename": _rename,
+    "remove": lambda path: shutil.rmtree(path) if Path(path).is_dir() else Path(path).unlink(missing_ok=True),
     "symlink": lambda target, path: Path(path).symlink_to(target),
     "copy": shutil.copy,
     "yaml_set": _yaml_set,

@@ -27,6 +27,7 @@ from typing import Any
 from call_cases import ENVS
 from case import judge_message
 from command_cases import ABSOLUTE
+from process_trial import try_process
 from recipes import prepare
 
 __all__ = ["Trials"]
@@ -205,9 +206,11 @@ def _try_call(case: dict[str, Any], folder: str) -> Result:
     data = case["data"]
     space: dict[str, Any] = {"torch": torch, "np": np}
     if data["env"]:
+        from stripe_newton import managers
         from stripe_newton.envs import mdp
         from stripe_newton.rl import RslRlVecEnvWrapper, RunFolder, ZeroPolicy, evaluate, load_checkpoint, record_video
 
+        space |= {name: getattr(managers, name) for name in managers.__all__ if name.endswith("Cfg")}
         space |= {"mdp": mdp, "RslRlVecEnvWrapper": RslRlVecEnvWrapper, "RunFolder": RunFolder}
         space |= {"ZeroPolicy": ZeroPolicy, "evaluate": evaluate, "load_checkpoint": load_checkpoint}
         space |= {"record_video": record_video}
@@ -359,4 +362,5 @@ KINDS: dict[str, Callable[[dict[str, Any], str], Result]] = {
     "config": _try_config,
     "command": _try_command,
     "call": _try_call,
+    "process": try_process,
 }

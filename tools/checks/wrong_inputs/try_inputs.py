@@ -40,9 +40,12 @@ def make_cases(count: int, seed: int) -> list[Case]:
     from command_cases import command_cases
     from config_cases import config_cases
     from file_cases import file_cases
+    from process_cases import process_cases
+    from term_cases import term_cases
 
     rng = random.Random(seed)
-    cases = [*config_cases(rng, count), *command_cases(rng, count), *file_cases(rng, count), *call_cases(rng, count)]
+    makers = config_cases, command_cases, file_cases, call_cases, term_cases, process_cases
+    cases = [case for make in makers for case in make(rng, count)]
     rng.shuffle(cases)  # so that what is done when a run is ended early is a share of each group
     return cases
 
