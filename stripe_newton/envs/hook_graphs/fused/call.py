@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
-from torch.utils._python_dispatch import _disable_current_modes
 from torch.utils._pytree import tree_leaves, tree_map
 
 from .rows import Unsupported
@@ -112,13 +111,12 @@ class Call:
         Raises:
             Unsupported: if it makes none, or several.
         """
-        with _disable_current_modes(), torch._C.DisableTorchFunction():
-            call: Callable[..., object] = self.func
-            try:
-                args, kwargs = tree_map(_without_memory, (tuple(self.args), dict(self.kwargs)))
-                made = call(*args, **kwargs)
-            except (NotImplementedError, RuntimeError) as error:
-                raise Unsupported(f"cannot be planned: {error}") from error
+        call: Callable[..., object] = self.func
+        try:
+            args, kwargs = tree_map(_without_memory, (tuple(self.args), dict(self.kwargs)))
+            made = call(*args, **kwargs)
+        except (NotImplementedError, RuntimeError) as error:
+            raise Unsupported(f"cannot be planned: {error}") from error
         if not isinstance(made, torch.Tensor) or made.layout != torch.strided:
             raise Unsupported("makes no tensor")
         return made

@@ -82,12 +82,13 @@ class FusingMode(TorchDispatchMode):
         if is_view(func):
             return call(*args, **kwargs)
         self.operations += 1
-        with torch._C.DisableTorchFunction():
-            try:
+        try:
+            # What is asked of torch meanwhile, such as the type of a result, is no part of the hook.
+            with _disable_current_modes(), torch._C.DisableTorchFunction():
                 return self._add(Call(func, args, kwargs, self._device))
-            except Unsupported as reason:
-                self.alone.append(f"{func.name().removeprefix('aten::')} {reason}")
-                self._flush_for(func, args, kwargs)
+        except Unsupported as reason:
+            self.alone.append(f"{func.name().removeprefix('aten::')} {reason}")
+        self._flush_for(func, args, kwargs)
         self.launched += 1
         return call(*args, **kwargs)
 
@@ -136,8 +137,7 @@ class FusingMode(TorchDispatchMode):
         if like is None:
             assert call.target is not None
             return call.target
-        with _disable_current_modes():
-            return torch.empty_strided(like.shape, like.stride(), dtype=like.dtype, device=self._device)
+        return torch.empty_strided(like.shape, like.stride(), dtype=like.dtype, device=self._device)
 
     # -- launches
 

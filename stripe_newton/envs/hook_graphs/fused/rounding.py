@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import torch
-from torch.utils._python_dispatch import _disable_current_modes
 
 from .source import Source, Value
 
@@ -223,8 +222,7 @@ _FOUND: dict[Hashable, object] = {}
 def _once(key: Hashable, find: Callable[[], T]) -> T:
     """The result of a trial, which is made once in a process: within a recording there could be none."""
     if key not in _FOUND:
-        with _disable_current_modes(), torch._C.DisableTorchFunction(), torch.no_grad():
-            _FOUND[key] = find()
+        _FOUND[key] = find()
     found: T = _FOUND[key]  # type: ignore[assignment]
     return found
 

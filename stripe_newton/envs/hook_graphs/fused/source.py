@@ -13,6 +13,7 @@ import math
 import struct
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
 __all__ = ["C_TYPES", "Source", "Value"]
@@ -87,7 +88,8 @@ class Source:
             return Value("(-9223372036854775807ll - 1)" if least else f"{int(number)}ll", dtype)
         if dtype == torch.float64:
             return Value(repr(float(number)) if math.isfinite(number) else self._bits("q", float(number)), dtype)
-        rounded = torch.tensor(number, dtype=torch.float32).item()
+        with np.errstate(over="ignore"):  # to infinity, as torch does
+            rounded = float(np.float32(number))
         return Value(f"{rounded!r}f" if math.isfinite(rounded) else self._bits("i", rounded), dtype)
 
     def _bits(self, code: str, number: float) -> str:
