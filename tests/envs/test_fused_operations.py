@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import torch
 
-from tests.helpers.fused import Fused, run_fused
+from tests.helpers.fused import Fused, compile_for_gpu, gpu_codes, run_fused
 
 N = 37
 
@@ -234,3 +234,13 @@ def test_each_function_is_one_kernel(fused, name):
     assert [a for a in run.traced.alone if not a.startswith(("empty", "arange"))] == []
     assert len(run.launched.codes) == (2 if name == "written_by_indices" else 1)  # no row may read what others write
     assert run.launched.operations == run.traced.operations
+
+
+@pytest.mark.slow
+def test_code_for_gpus_compiles(tmp_path):
+    """NVRTC needs no GPU. The code for one differs from that for the CPU: it calls intrinsics."""
+    codes = gpu_codes(EXACT | CLOSE, N)
+    assert any("__fmul_rn" in code.body for code in codes)
+    text = compile_for_gpu(codes, tmp_path)
+    assert text.count(".entry") == len(codes)
+    assert "fma.rn.f32" in text  # where torch contracts, as in cross products

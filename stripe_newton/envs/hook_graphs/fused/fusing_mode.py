@@ -39,6 +39,7 @@ class FusingMode(TorchDispatchMode):
         operations: Number of operations of torch that launch something.
         launched: Number of launches so far: kernels of chains, and operations that torch has run.
         alone: Names of operations that torch has run by itself, with reasons.
+        for_cuda: Whether the code is for a GPU.
     """
 
     def __init__(self, device: torch.device, rows: Sequence[int], launches: bool):
@@ -51,6 +52,7 @@ class FusingMode(TorchDispatchMode):
         """
         super().__init__()
         self._device, self._rows, self._launches = device, tuple(rows), launches
+        self.for_cuda = device.type != "cpu"
         self._chain: Chain | None = None
         self.codes: list[ChainCode] = []
         self.operations = self.launched = 0
@@ -108,7 +110,7 @@ class FusingMode(TorchDispatchMode):
 
     def _add_planned(self, call: Call, made: Plan, rows: int) -> torch.Tensor:
         if self._chain is None:
-            self._chain = Chain(rows, self._device.type != "cpu")
+            self._chain = Chain(rows, self.for_cuda)
         return self._chain.add(made, lambda like: self._make(call, like))
 
     def _rows_of(self, call: Call) -> int:
