@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Functions of torch run with their operations fused, on the CPU."""
+"""Functions of torch run with their operations fused."""
 
 from __future__ import annotations
 
@@ -41,6 +41,7 @@ def run_fused(
     rows: int | tuple[int, ...],
     restore: Callable[[], None] = lambda: None,
     memory: Callable[[], Any] = lambda: None,
+    device: str = "cpu",
 ) -> dict[str, Fused]:
     """Trace functions, compile all of their chains as one module, and run them by these.
 
@@ -49,20 +50,21 @@ def run_fused(
         rows: Numbers of rows.
         restore: Brings the state back that the functions change; called before each run.
         memory: Returns what is to be kept of the state after a run.
+        device: Device of the tensors.
     """
     sizes = (rows,) if isinstance(rows, int) else rows
-    device = torch.device("cpu")
+    where = torch.device(device)
     with torch.no_grad():
-        traced = {name: FusingMode(device, sizes, launches=False) for name in functions}
+        traced = {name: FusingMode(where, sizes, launches=False) for name in functions}
         for name, function in functions.items():
             restore()
             with traced[name]:
                 kept = function()  # alive until the end of the run, as in the next one
             del kept
-        compile_chains([code for mode in traced.values() for code in mode.codes], "cpu")
+        compile_chains([code for mode in traced.values() for code in mode.codes], device)
         found = {}
         for name, function in functions.items():
-            mode = FusingMode(device, sizes, launches=True)
+            mode = FusingMode(where, sizes, launches=True)
             restore()
             with mode:
                 result = function()

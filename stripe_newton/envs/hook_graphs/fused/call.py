@@ -74,11 +74,25 @@ class Call:
             self.target = target
         # In place, an operation has the name of the one that makes a tensor, and an underscore.
         self.name = packet[:-1] if names and packet.endswith("_") else packet
+        numbers = self._take_numbers()
         for tensor in self.tensors():
+            if any(tensor is number for number in numbers):
+                continue
             if tensor.device != self.device or tensor.layout != torch.strided or tensor.is_complex():
                 raise Unsupported(f"has a tensor on {tensor.device}")
             if tensor.requires_grad and torch.is_grad_enabled():
                 raise Unsupported("is to be differentiated")
+
+    def _take_numbers(self) -> list[torch.Tensor]:
+        """Replace numbers that torch has put into tensors on the host, as for ``x[mask] = 0.0``; returns those."""
+        found = []
+        if self.name in ("fill", "masked_fill", "index_put", "copy") and self.device.type != "cpu":
+            for name in ("value", "values", "src"):
+                value = self.named.get(name)
+                if isinstance(value, torch.Tensor) and value.dim() == 0 and value.device.type == "cpu":
+                    self.named[name] = value.item()
+                    found.append(value)
+        return found
 
     def tensors(self) -> Iterator[torch.Tensor]:
         """All tensors among the arguments."""
@@ -104,6 +118,13 @@ class Call:
         if not isinstance(value, (bool, int, float)):
             raise Unsupported(f"has '{name}' of type {type(value).__name__}")
         return value
+
+    def sizes(self, name: str) -> tuple[int, ...]:
+        """An argument that is a list of whole numbers."""
+        value = self.named[name]
+        if not isinstance(value, (list, tuple)):
+            raise Unsupported(f"has '{name}' of type {type(value).__name__}")
+        return tuple(map(int, value))
 
     def like(self) -> torch.Tensor:
         """The tensor that the call would make, without memory.

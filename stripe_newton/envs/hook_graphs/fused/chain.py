@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import torch
 
-from .memory import Memory
+from .memory import Memory, Region
 from .plan import Plan
 from .source import Source
 
@@ -90,7 +90,8 @@ class Chain:
         stores = self.memory.stores()
         if not stores:
             return None
-        lines, regions = [], {}
+        lines: list[str] = []
+        regions: dict[int, tuple[str, Region]] = {}
         for name, region, pitch in self.memory.pointers():
             pointer = regions.setdefault(region.number, (f"p{len(regions)}", region))[0]
             lines.append(f"char* const {name} = reinterpret_cast<char*>({pointer}) + row * {pitch}ll;")

@@ -57,7 +57,7 @@ def module_of(codes: Sequence[ChainCode], fuse_fp: bool) -> tuple[wp.Module, dic
     space = {"wp": wp, "__name__": f"stripe_newton.generated.{name}"}
     # Warp reads the source code of a kernel back from the file that its code object names.
     exec(compile(text, str(path), "exec"), space)
-    kernels: dict[str, wp.Kernel] = {code.digest: space[f"chain_{code.digest}"] for code in codes}  # type: ignore[misc]
+    kernels: dict[str, wp.Kernel] = {code.digest: space[f"chain_{code.digest}"] for code in codes}
     module = next(iter(kernels.values())).module
     module.options.update(fuse_fp=fuse_fp, enable_backward=False)
     return module, kernels

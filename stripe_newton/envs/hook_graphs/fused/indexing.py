@@ -11,7 +11,7 @@ import torch
 
 from .call import Call
 from .memory import Access, Indexed
-from .plan import Plan
+from .plan import Operand, Plan
 from .rows import Frame, Unsupported
 from .source import Source, Value
 
@@ -96,35 +96,45 @@ def _index_select(call: Call, rows: int) -> Plan:
 
 
 def _index_put(call: Call, rows: int) -> Plan:
-    x, values = call.target, call.tensor("values")
+    x, values = call.target, call.operand("values")
     if x is None or call.named.get("accumulate"):
         raise Unsupported("adds by indices")
     given = list(call.named["indices"])  # type: ignore[call-overload]
-    if len(given) == 1 and given[0] is not None and given[0].dtype == torch.bool and values.numel() == 1:
+    is_number = not isinstance(values, torch.Tensor) or values.numel() == 1
+    if len(given) == 1 and given[0] is not None and given[0].dtype == torch.bool and is_number:
         return _masked(call, rows, x, given[0], values)
     indices = _indices(call, x)
     subscript = _subscript(x, indices)
     frame = Frame.of(subscript.shape, rows)
     inputs = _index_accesses(frame, subscript, indices)
-    count = len(inputs)
-    inputs.append(Access(values, frame.view(values)))
+    count, dtype = len(inputs), x.dtype
+    if isinstance(values, torch.Tensor):
+        inputs.append(Access(values, frame.view(values)))
+
+    def compute(s: Source, read: list[list[Value]]) -> list[Value]:
+        if isinstance(values, torch.Tensor):
+            return read[count]
+        return [s.literal(values, dtype)] * math.prod(frame.inner)
+
     target = _elements(frame, subscript, x, indices)
-    return Plan(frame, inputs, lambda s, read: read[count], None, target=x, scattered=target)
+    return Plan(frame, inputs, compute, None, target=x, scattered=target)
 
 
-def _masked(call: Call, rows: int, x: torch.Tensor, mask: torch.Tensor, value: torch.Tensor) -> Plan:
+def _masked(call: Call, rows: int, x: torch.Tensor, mask: torch.Tensor, value: Operand) -> Plan:
     """``x[mask] = number``."""
     frame = Frame.of(x.shape, rows)
     after = x.dim() - mask.dim()
-    selected = Access(mask, frame.view_of((*mask.shape, *[1] * after), (*mask.stride(), *[0] * after), mask))
-    number = Access(value, frame.view_of((), (), value))
+    inputs = [Access(mask, frame.view_of((*mask.shape, *[1] * after), (*mask.stride(), *[0] * after), mask))]
+    inputs.append(Access(x, frame.view(x)))
+    if isinstance(value, torch.Tensor):
+        inputs.append(Access(value, frame.view_of((), (), value)))
 
     def compute(s: Source, read: list[list[Value]]) -> list[Value]:
-        columns = zip(*read, strict=True)
-        return [s.select(condition, s.cast(new, old.dtype), old) for condition, new, old in columns]
+        number = read[2][0] if isinstance(value, torch.Tensor) else s.literal(value, x.dtype)
+        new = s.cast(number, x.dtype)
+        return [s.select(condition, new, old) for condition, old in zip(read[0], read[1], strict=True)]
 
-    assert math.prod(frame.inner) > 0
-    return Plan(frame, [selected, number, Access(x, frame.view(x))], compute, None, target=x)
+    return Plan(frame, inputs, compute, None, target=x)
 
 
 INDEXING: dict[str, Callable[[Call, int], Plan]] = {

@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -15,14 +14,12 @@ from .call import Call
 from .elementwise import ELEMENTWISE, Number, power
 from .indexing import INDEXING
 from .memory import Access
-from .plan import Plan
-from .rounding import OfSource, cross, cross_variant, divides_by_reciprocal, find_reduction, fuses_alpha
+from .plan import Operand, Plan
+from .rounding import OfSource, cross, cross_variants, divides_by_reciprocal, find_reduction, fuses_alpha
 from .rows import Frame, Unsupported
 from .source import Source, Value
 
 __all__ = ["OPERATIONS", "plan"]
-
-Operand: TypeAlias = "torch.Tensor | bool | int | float"
 
 
 def plan(call: Call, rows: int) -> Plan:
@@ -67,7 +64,7 @@ def _common(operands: Sequence[Operand]) -> torch.dtype:
     if len(operands) == 1:
         return tensors[0].dtype
     if len(operands) == 2:
-        return torch.result_type(*operands)
+        return torch.result_type(operands[0], operands[1])  # type: ignore[call-overload, no-any-return]
     if any(t.dtype != tensors[0].dtype for t in tensors):
         raise Unsupported("mixes types")
     return tensors[0].dtype
@@ -243,7 +240,7 @@ def _nan_to_num(call: Call, rows: int) -> Plan:
 
 
 def _copy(call: Call, rows: int) -> Plan:
-    return _map(call, rows, [call.tensor("src")], lambda s, x: x, [None])
+    return _set(call, rows, call.operand("src"))
 
 
 def _clone(call: Call, rows: int) -> Plan:
@@ -257,7 +254,11 @@ def _to_copy(call: Call, rows: int) -> Plan:
 
 
 def _fill(call: Call, rows: int) -> Plan:
-    value = call.operand("value")
+    return _set(call, rows, call.operand("value"))
+
+
+def _set(call: Call, rows: int, value: Operand) -> Plan:
+    """The plan of setting elements to a tensor or a number."""
     return _map(call, rows, [value], lambda s, x: x, [None if isinstance(value, torch.Tensor) else _result(call).dtype])
 
 
@@ -339,21 +340,21 @@ def _typed(call: Call, found: Plan) -> Plan:
 
 
 def _repeat(call: Call, rows: int) -> Plan:
-    x, repeats = call.tensor("self"), list(call.named["repeats"])  # type: ignore[call-overload]
+    x, repeats = call.tensor("self"), call.sizes("repeats")
     for _ in range(len(repeats) - x.dim()):
         x = x.unsqueeze(0)
     return _rearranged(call, rows, [x], lambda part: np.tile(part, repeats))
 
 
 def _flip(call: Call, rows: int) -> Plan:
-    x, dims = call.tensor("self"), tuple(call.named["dims"])  # type: ignore[arg-type]
+    x, dims = call.tensor("self"), call.sizes("dims")
     _stays(Frame.of(x.shape, rows), dims, x.dim())
     return _rearranged(call, rows, [x], lambda part: np.flip(part, dims))
 
 
 def _roll(call: Call, rows: int) -> Plan:
     x = call.tensor("self")
-    shifts, dims = tuple(call.named["shifts"]), tuple(call.named["dims"])  # type: ignore[arg-type]
+    shifts, dims = call.sizes("shifts"), call.sizes("dims")
     if not dims:
         raise Unsupported("mixes rows")
     _stays(Frame.of(x.shape, rows), dims, x.dim())
@@ -463,8 +464,8 @@ def _cross(call: Call, rows: int) -> Plan:
     x, y, result = call.tensor("self"), call.tensor("other"), _result(call)
     dim = int(call.number("dim")) % len(result.shape)
     frame = Frame.of(result.shape, rows, without=(dim,))
-    variant = cross_variant(call.device, x.dtype) if x.dtype.is_floating_point else "plain"
-    if variant is None or x.dtype != y.dtype:
+    variants = cross_variants(call.device, x.dtype) if x.dtype.is_floating_point else ("plain",) * 3
+    if variants is None or x.dtype != y.dtype:
         raise Unsupported("contracts in a way that is not known")
     places = np.arange(math.prod(frame.inner)).reshape(frame.inner)
     vectors = np.moveaxis(places, dim, -1).reshape(-1, 3).tolist()
@@ -475,7 +476,7 @@ def _cross(call: Call, rows: int) -> Plan:
         for vector in vectors:
             for i in range(3):
                 j, k = vector[(i + 1) % 3], vector[(i + 2) % 3]
-                found[vector[i]] = cross(OfSource(s), variant, a[j], b[k], a[k], b[j])
+                found[vector[i]] = cross(OfSource(s), variants[i], a[j], b[k], a[k], b[j])
         return found
 
     return Plan(frame, [Access(x, frame.view(x)), Access(y, frame.view(y))], compute, result.like, result.target)

@@ -13,10 +13,12 @@ from .memory import Access, Indexed
 from .rows import Frame, Unsupported
 from .source import Source, Value
 
-__all__ = ["Compute", "Plan"]
+__all__ = ["Compute", "Operand", "Plan"]
 
 Compute: TypeAlias = "Callable[[Source, list[list[Value]]], list[Value]]"
 """Writes the code of a result, given the values of the inputs."""
+Operand: TypeAlias = "torch.Tensor | bool | int | float"
+"""An argument of an operation on numbers."""
 
 
 @dataclass

@@ -17,7 +17,7 @@ import torch
 
 from .source import Source, Value
 
-__all__ = ["Reduction", "cross", "cross_variant", "divides_by_reciprocal", "find_reduction", "fuses_alpha"]
+__all__ = ["Reduction", "cross", "cross_variants", "divides_by_reciprocal", "find_reduction", "fuses_alpha"]
 
 T = TypeVar("T")
 
@@ -283,14 +283,18 @@ def cross(on: Arithmetic[T], variant: str, a: T, b: T, c: T, d: T) -> T:
     return on.sub(on.mul(a, b), on.mul(c, d))
 
 
-def cross_variant(device: torch.device, dtype: torch.dtype) -> str | None:
-    """The variant of :func:`cross` that torch's cross product is; None if it is none of them."""
+def cross_variants(device: torch.device, dtype: torch.dtype) -> tuple[str, str, str] | None:
+    """The variant of :func:`cross` in each component of torch's cross product; None if it is none of them."""
 
-    def find() -> str | None:
+    def find() -> tuple[str, str, str] | None:
         x, y = _random(24576, torch.empty(0, device=device, dtype=dtype)).view(2, -1, 3)
-        expected = torch.linalg.cross(x, y)[:, 0]
-        terms = x[:, 1], y[:, 2], x[:, 2], y[:, 1]
-        return next((v for v in CROSS if _same(cross(OfTensors(), v, *terms), expected)), None)
+        expected = torch.linalg.cross(x, y)
+        found = []
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            terms = x[:, j], y[:, k], x[:, k], y[:, j]
+            found += [v for v in CROSS if _same(cross(OfTensors(), v, *terms), expected[:, i])][:1]
+        return (found[0], found[1], found[2]) if len(found) == 3 else None
 
     return _once(("cross", device, dtype), find)
 

@@ -102,7 +102,7 @@ class Frame:
                 raise Unsupported("does not broadcast")
             steps.append(0 if size == 1 else stride * item)
         pitch = steps[self.row_dim] * self.split if self.row_dim is not None else 0
-        start = tensor.storage_offset() * item
+        start = int(tensor.storage_offset()) * item
         places = itertools.product(*(range(size) for size in self.inner))
         offsets = tuple(start + sum(i * s for i, s in zip(place, steps, strict=True)) for place in places)
         return View(pitch, offsets)
