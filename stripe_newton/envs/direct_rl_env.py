@@ -66,6 +66,9 @@ class DirectRLEnvCfg(RLEnvCfg):
     """Whether torch hooks become part of the step's CUDA graph, on a GPU: ``"auto"`` where a replay gives the same as
     the hook, ``True`` to make it an error where they cannot, ``False`` never. ``describe()`` says which are not and
     why."""
+    hooks_fusion: bool = True
+    """Whether chains of operations of recorded hooks become one kernel each, where that gives the same numbers.
+    ``describe()`` says how many launches are left, or why there is none."""
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from RLEnvCfg.problems(self)

@@ -24,7 +24,7 @@ from .hook_results import leaves_of
 if TYPE_CHECKING:
     from .recording_env import RecordingEnv
 
-__all__ = ["HookPart", "PhysicsPart", "ResetPart", "hook_recorder", "records_on", "rehearse"]
+__all__ = ["HookPart", "PhysicsPart", "ResetPart", "fuses_on", "hook_recorder", "records_on", "rehearse"]
 
 SKIPPED = frozenset({
     "extras", "obs_buf", "_observed", "_given", "_plan", "_steps_before", "_recaptures", "_np_random",
@@ -43,6 +43,11 @@ def records_on(device: str) -> bool:
     return device != "cpu"
 
 
+def fuses_on(device: str) -> bool:
+    """Whether chains of operations of recorded hooks become kernels on a device."""
+    return device != "cpu"
+
+
 def hook_recorder(env: RecordingEnv) -> HookRecorder | None:
     """The recorder of an environment; None where its config or its device wants none."""
     if env.cfg.hooks_graph is False or not env.cfg.sim.use_cuda_graph or not records_on(env.device):
@@ -55,6 +60,7 @@ def hook_recorder(env: RecordingEnv) -> HookRecorder | None:
         no_waits,
         required=env.cfg.hooks_graph is True,
         changed=lambda: env.plan.recapture(),
+        fused_envs=env.num_envs if env.cfg.hooks_fusion and fuses_on(env.device) else 0,
     )
     recorder.context.flags.append((env.sim, "roots_moved"))
     return recorder
@@ -186,7 +192,7 @@ class HookPart:
     @property
     def status(self) -> str:
         """Way in which it runs, for the description."""
-        return "graph, torch" if self.is_capturable else f"eager: torch hook; {why_eager(self.hook)}"
+        return in_graph(self.hook) if self.is_capturable else f"eager: torch hook; {why_eager(self.hook)}"
 
     def launch(self) -> Sequence[Callable[[], None]]:
         """Launch the hook within a recording."""
@@ -209,7 +215,7 @@ class PhysicsPart:
     def status(self) -> str:
         """Way in which it runs, for the description."""
         eager = f"eager: torch hook; {why_eager(self.hook)}; the physics is one CUDA graph"
-        return "graph, torch" if self.is_capturable else eager
+        return in_graph(self.hook) if self.is_capturable else eager
 
     def launch(self) -> Sequence[Callable[[], None]]:
         """Launch hook and physics within a recording."""
@@ -300,7 +306,8 @@ class ResetPart:
             frequent = f"eager: torch hook; graphs for {hook.variants} frequent numbers of resets"
             return f"{frequent}; one for all up to a number is not possible: {why}" if why else frequent
         if self._recorder.replayed(hook):
-            return f"eager: torch hook; graphs for up to {', '.join(map(str, hook.recorded_variants))} resets"
+            sizes = ", ".join(map(str, hook.recorded_variants))
+            return f"eager: torch hook; graphs for up to {sizes} resets{_fusion(hook)}"
         return f"eager: torch hook; {why_eager(self.hook)}"
 
     def launch(self) -> Sequence[Callable[[], None]]:
@@ -313,6 +320,15 @@ def _row_tensors(env: RecordingEnv) -> list[torch.Tensor]:
     own = [t for t in scan(env, SKIPPED).tensors.values() if t.dim() and t.shape[0] == env.num_envs]
     memory = _arrays(env)
     return own + [t for name, t in memory.items() if not name.startswith("outputs ")]
+
+
+def in_graph(hook: RecordedHook) -> str:
+    """Description of a hook that is part of a graph."""
+    return f"graph, torch{_fusion(hook)}"
+
+
+def _fusion(hook: RecordedHook) -> str:
+    return f", {hook.fusion.status}" if hook.fusion.status else ""
 
 
 def why_eager(hook: RecordedHook) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torch hooks, eager and recorded in the step's CUDA graph, beside hooks in Warp: times, calls, equality, training.
+"""Torch hooks, eager, recorded in the step's CUDA graph and fused, beside hooks in Warp: times, equality, training.
 
     python tools/benchmarks/hook_graphs.py OUT                                  # Ant, Humanoid and Cartpole, 4096 each
     python tools/benchmarks/hook_graphs.py OUT --tasks Ant --parts speed equal
@@ -30,8 +30,13 @@ from stripe_newton.envs.call_counts import count_calls
 from stripe_newton.envs.measure import random_actions
 
 TASKS = ("Ant", "Humanoid", "Cartpole")
-CASES = {"eager": ("Direct", False), "recorded": ("Direct", "auto"), "warp": ("Direct-Warp", "auto")}
-"""Name of the form of the task, and ``hooks_graph``."""
+CASES = {
+    "eager": ("Direct", False, False),
+    "recorded": ("Direct", "auto", False),
+    "fused": ("Direct", "auto", True),
+    "warp": ("Direct-Warp", "auto", True),
+}
+"""Name of the form of the task, ``hooks_graph`` and ``hooks_fusion``."""
 WARM, COUNTED = 160, 64
 
 Entry = dict[str, Any]
@@ -39,11 +44,11 @@ Entry = dict[str, Any]
 
 def make(task: str, case: str, args: argparse.Namespace) -> Any:
     """An environment, reset, with episodes spread over their length."""
-    form, hooks = CASES[case]
+    form, hooks, fusion = CASES[case]
     name = f"Stripe-{task}-{form}-v0"
     configs = load_configs(name, None)
     configs.env.sim.device, configs.env.scene.num_envs, configs.env.seed = args.device, args.num_envs, 1
-    configs.env.hooks_graph = hooks
+    configs.env.hooks_graph, configs.env.hooks_fusion = hooks, fusion
     env = gymnasium.make_vec(name, cfg=configs.env).unwrapped
     env.reset(seed=1)
     generator = torch.Generator(device=env.device).manual_seed(2)
@@ -91,6 +96,7 @@ def speed(task: str, case: str, args: argparse.Namespace) -> Entry:
     recorder = getattr(env, "_recorder", None)
     if recorder is not None:
         found["reasons"] = {h.name: h.reason for h in recorder.hooks if h.reason}
+        found["fusion"] = {h.name: h.fusion.status for h in recorder.hooks}
         found["variants"] = max((h.variants for h in recorder.hooks), default=0)
         found["attempts"] = recorder._attempts
     print(env.describe(), flush=True)
@@ -134,8 +140,9 @@ def equal(task: str, args: argparse.Namespace) -> Entry:
     names, eager, ends = run(task, "eager", args)
     _, again, _ = run(task, "eager", args)
     _, recorded, _ = run(task, "recorded", args)
+    _, fused, _ = run(task, "fused", args)
     found: Entry = {"steps": args.equal_steps, "ends": ends}
-    for label, other in (("eager_again", again), ("recorded", recorded)):
+    for label, other in (("eager_again", again), ("recorded", recorded), ("fused", fused)):
         differs = (eager != other).nonzero()
         found[label] = "equal" if not len(differs) else f"step {int(differs[0, 0])}: {names[int(differs[0, 1])]}"
     return found
@@ -147,11 +154,11 @@ def train(task: str, case: str, args: argparse.Namespace) -> Entry:
     from stripe_newton.cli.env_and_policy import build
     from stripe_newton.rl import read_metrics
 
-    form, hooks = CASES[case]
+    form, hooks, fusion = CASES[case]
     name = f"Stripe-{task}-{form}-v0"
     configs = load_configs(name, None)
     configs.env.sim.device, configs.env.scene.num_envs, configs.env.seed = args.device, args.num_envs, 1
-    configs.env.hooks_graph = hooks
+    configs.env.hooks_graph, configs.env.hooks_fusion = hooks, fusion
     configs.agent.max_iterations, configs.agent.save_interval, configs.agent.seed = args.iterations, 10**6, 1
     set_seeds(1)
     folder = args.out / f"{task}_{case}"
@@ -207,10 +214,14 @@ def tables(found: Entry, tasks: list[str]) -> str:
         entry, eager = (found.get(f"train {task} {name}", {}) for name in (case, "eager"))
         cells = [*_cells(entry, training), _ratio(entry, eager, "samples_per_s")]
         lines.append(f"| {task}, {case} | {' | '.join(cells)} |")
-    lines += ["", "| the same bits | steps | ends | recorded | eager, once more |", "|---|---:|---:|---|---|"]
+    lines += [
+        "",
+        "| the same bits | steps | ends | recorded | fused | eager, once more |",
+        "|---|---:|---:|---|---|---|",
+    ]
     for task in tasks:
         entry = found.get(f"equal {task}", {})
-        cells = _cells(entry, {"steps": "{}", "ends": "{:.0f}", "recorded": "{}", "eager_again": "{}"})
+        cells = _cells(entry, {"steps": "{}", "ends": "{:.0f}", "recorded": "{}", "fused": "{}", "eager_again": "{}"})
         lines.append(f"| {task} | {' | '.join(cells)} |")
     return "\n".join(lines)
 

@@ -51,6 +51,7 @@ class HookRecorder:
         waits: Callable[[], object],
         required: bool = False,
         changed: Callable[[], None] = lambda: None,
+        fused_envs: int = 0,
     ):
         """Prepare; nothing is recorded yet.
 
@@ -62,8 +63,9 @@ class HookRecorder:
             waits: Makes a context within which a wait of the host for the device raises.
             required: Whether a hook that stays eager is an error.
             changed: Called when it has changed which hooks are replayed.
+            fused_envs: Number of environments, for chains of operations on their rows to become kernels; 0 for none.
         """
-        self.context = RecordingContext(env, skip, arrays, record, waits)
+        self.context = RecordingContext(env, skip, arrays, record, waits, fused_envs=fused_envs)
         self.hooks: list[RecordedHook] = []
         self._required, self._changed = required, changed
         self._env, self._skip = env, skip
@@ -203,7 +205,7 @@ class HookRecorder:
             hook.replay(variant)
         elif hook.has_constants(variant):
             difference = hook.check(variant)
-            hook.proofs[variant] += shows
+            hook.proofs[variant] += shows and hook.has_graph(variant)
         elif self._comes_often(variant, self.PADDED):
             difference = hook.rehearse(variant)
         else:

@@ -15,6 +15,7 @@ import torch
 
 from .carried_state import NotSteady, moved_paths
 from .extras import ExtrasMemory, added_extras, copy_extras, tensors_of
+from .fused import HookFusion
 from .host_values import (
     ExecutedCode,
     HostCalls,
@@ -45,6 +46,7 @@ class RecordedHook:
         why_not_padded: Reason why no variant may stand for others; empty while one may.
         proofs: How often a variant has stood for another one and has been compared.
         extras_memory: Memory of the tensors that it adds to the extras when it is replayed.
+        fusion: Whether its recordings hold its operations in few kernels.
     """
 
     TRACES = 2
@@ -84,6 +86,7 @@ class RecordedHook:
         self._constants: dict[int, list[tuple[str, torch.Tensor]]] = {}
         self._graphs: dict[int, tuple[HookGraph, Launched]] = {}
         self.extras_memory = ExtrasMemory()
+        self.fusion = HookFusion(context.env.device, context.fused_envs)
         self._unsteady = 0
 
     # -- running
@@ -117,11 +120,12 @@ class RecordedHook:
         bound = scan(env, context.skip)
         try:
             calls = HostCalls(torch.device(env.device), self._constants[variant], first=False)
-            with self._as_variant(variant), calls:
-                self._function()
-            context.carried.settle()
-            # Tensors in homes or in the simulation stay as they are, as a later hook may write them in place.
-            extras = self.extras_memory.keep(added_extras(before, dicts, env.extras), context.carried.holds)
+            with self.fusion.recording(variant):
+                with self._as_variant(variant), calls:
+                    self._function()
+                context.carried.settle()
+                # Tensors in homes or in the simulation stay as they are, as a later hook may write them in place.
+                extras = self.extras_memory.keep(added_extras(before, dicts, env.extras), context.carried.holds)
             changed = [(o, n, getattr(o, n)) for o, n, old in flags if getattr(o, n) != old]
             return Launched(env, extras, changed)
         except NotSteady as error:
@@ -163,6 +167,7 @@ class RecordedHook:
         self._constants.clear()
         self._graphs.clear()
         self.proofs.clear()
+        self.fusion.forget()
 
     def give_up_padding(self, reason: str) -> None:
         """Drop the recordings of variants that cover many: from now on each variant is recorded on its own."""
@@ -302,8 +307,43 @@ class RecordedHook:
         Returns:
             Why the replay cannot take the place of the hook; empty if it can.
         """
+        if self.fusion.is_untried(variant):
+            self._try_fusion(variant)
+            return ""
         self.unchecked = max(self.unchecked - 1, 0)
-        return self._compare(lambda: self.replay(variant))
+        difference = self._compare(lambda: self.replay(variant))
+        if difference and self.fusion.fuses(variant):
+            self._give_up_fusion(difference)
+            return ""
+        return difference
+
+    def _try_fusion(self, variant: int) -> None:
+        """Compile the chains of the hook, run it by their kernels and as it is, from the same state; the latter counts.
+
+        The next check records the hook, fused or not.
+        """
+        context = self._context
+        saved, extras, flags = context.snapshot(), context.env.extras, context.flag_values()
+
+        def fused() -> None:
+            given = copy_extras(extras)
+            with self.fusion.tracing(variant):
+                self.launch(variant)
+            saved.restore()
+            context.env.extras = given
+            set_flags(flags)
+            self.launch(variant)()
+
+        difference = self._compare(fused)
+        if difference:
+            self._give_up_fusion(difference)
+
+    def _give_up_fusion(self, reason: str) -> None:
+        """Record the hook with the kernels of torch, which must be compared from the beginning."""
+        self.fusion.give_up(reason)
+        self._graphs.clear()
+        self.proofs.clear()
+        self.unchecked = self.CHECKS
 
     def rehearse(self, variant: int) -> str:
         """Run a variant as its graph will do it, watched, and then the hook as it is, from the same state.

@@ -47,6 +47,7 @@ class RecordingContext:
         waits: Context within which a wait of the host for the device raises.
         flags: Holder and name of the framework's own flags that a hook may set.
         carried: Homes of the tensors, once all hooks are traced.
+        fused_envs: Number of environments, whose rows fused kernels compute; 0 to fuse nothing.
     """
 
     env: HooksEnv
@@ -56,6 +57,7 @@ class RecordingContext:
     waits: Callable[[], Any]
     flags: list[tuple[object, str]] = field(default_factory=list)
     carried: CarriedState | None = None
+    fused_envs: int = 0
 
     def snapshot(self) -> Snapshot:
         """Copy of all that hooks can change."""
