@@ -27,11 +27,11 @@ __all__ = [
 ]  # fmt: skip
 
 _SOURCES = (
-    "algebra.h", "primitives.h", "boxes.h", "polygons.h", "hulls.h", "hull_contacts.h", "curved.h", "search.h",
-    "heightfield.h", "meshes.h", "search_hits.h", "contact_fields.h", "world.h", "rows.h", "poses.h", "impedance.h",
-    "dynamics.h", "constraints.h", "attachments.h", "geoms.h", "ground_parts.h", "collision.h", "touches.h", "ground.h",
-    "cones.h", "hessian.h", "newton.h", "newton_state.h", "per_step.h", "launch.h", "results.h", "accelerations.h",
-    "step.h",
+    "algebra.h", "primitives.h", "boxes.h", "polygons.h", "hulls.h", "hull_contacts.h", "cores.h", "curved.h",
+    "search.h", "heightfield.h", "meshes.h", "search_hits.h", "contact_fields.h", "world.h", "rows.h", "poses.h",
+    "impedance.h", "dynamics.h", "constraints.h", "attachments.h", "geoms.h", "ground_parts.h", "collision.h",
+    "touches.h", "ground.h", "cones.h", "hessian.h", "newton.h", "newton_state.h", "per_step.h", "launch.h",
+    "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 _LIMB_SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "search_hits.h",
