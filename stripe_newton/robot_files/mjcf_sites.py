@@ -14,7 +14,7 @@ from newton.solvers import SolverMuJoCo
 
 from .urdf_checks import Row
 
-__all__ = ["tie_sites"]
+__all__ = ["tie_sites", "tied_rows"]
 
 
 def tie_sites(builder: newton.ModelBuilder, first: int, model: mujoco.MjModel, scale: float = 1.0) -> Iterator[Row]:
@@ -31,18 +31,28 @@ def tie_sites(builder: newton.ModelBuilder, first: int, model: mujoco.MjModel, s
     Yields:
         A row for each constraint with the world whose sites are apart, which stays as Newton has it.
     """
+    for row, equality in _rows(builder, first, model):
+        if model.eq_objtype[equality] == mujoco.mjtObj.mjOBJ_SITE:
+            yield from _tie(builder, row, model, equality, scale)
+
+
+def tied_rows(builder: newton.ModelBuilder, first: int, model: mujoco.MjModel) -> Iterator[tuple[tuple[int, int], int]]:
+    """Both bodies of the builder, -1 for the world, and MuJoCo's number of each ``connect`` and ``weld``."""
+    for row, equality in _rows(builder, first, model):
+        yield (_column(builder, "body1")[row], _column(builder, "body2")[row]), equality
+
+
+def _rows(builder: newton.ModelBuilder, first: int, model: mujoco.MjModel) -> Iterator[tuple[int, int]]:
+    """Row of the builder and MuJoCo's number of each ``connect`` and ``weld``."""
     kinds = _column(builder, "type")
     for theirs, ours in (
         (mujoco.mjtEq.mjEQ_CONNECT, SolverMuJoCo.EqType.CONNECT),
         (mujoco.mjtEq.mjEQ_WELD, SolverMuJoCo.EqType.WELD),
     ):
         rows = [row for row in range(first, len(kinds)) if kinds[row] == ours]
-        equalities = np.flatnonzero(model.eq_type == theirs)
-        if len(rows) != len(equalities):  # for which the report has a row
-            continue
-        for equality, row in zip(equalities.tolist(), rows, strict=True):
-            if model.eq_objtype[equality] == mujoco.mjtObj.mjOBJ_SITE:
-                yield from _tie(builder, row, model, equality, scale)
+        equalities = np.flatnonzero(model.eq_type == theirs).tolist()
+        if len(rows) == len(equalities):  # otherwise the report has a row for those that are missing
+            yield from zip(rows, equalities, strict=True)
 
 
 def _tie(builder: newton.ModelBuilder, row: int, model: mujoco.MjModel, equality: int, scale: float) -> Iterator[Row]:

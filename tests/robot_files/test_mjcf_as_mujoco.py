@@ -250,3 +250,19 @@ def test_sites_that_are_apart_are_pulled_together(tmp_path, kind):
         mujoco.mj_step(mj, data, 300)
         places.append(data.xpos[1:3].copy())
     np.testing.assert_allclose(places[0], places[1], atol=2e-3)
+
+
+@pytest.mark.parametrize("kind", ["connect", "weld"])
+@pytest.mark.parametrize("excluded", [False, True])
+def test_tied_bodies_collide_as_in_mujoco(tmp_path, kind, excluded):
+    body = '<body name="{}" pos="{} 0 0"><freejoint/><geom size="0.1"/></body>'
+    tie = f'<equality><{kind} body1="a" body2="b" anchor="0.1 0 0"/></equality>'
+    exclude = '<contact><exclude body1="a" body2="b"/></contact>' if excluded else ""
+    builder, theirs, _ = imported(tmp_path, body.format("a", 0) + body.format("b", 0.15), tie + exclude)
+    ours = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu"), use_mujoco_cpu=True).mj_model
+    contacts = []
+    for model in (ours, theirs):
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        contacts.append(int(data.ncon))
+    assert contacts[0] == contacts[1] == int(not excluded)
