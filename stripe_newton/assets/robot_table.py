@@ -146,6 +146,13 @@ ROBOTS: dict[str, RobotEntry] = {
         joint_pos=_ANYMAL_STAND,
         drives={"legs": Drive(".*(HAA|HFE|KFE)", 400.0, 10.0, 80.0, 7.5)},
     ),
+    "barkour": RobotEntry(
+        "Google Barkour vB, a quadruped",
+        _menagerie("google_barkour_vb", "barkour_vb.xml", "barkour_vb"),
+        fixed_base=False,
+        pos=(0.0, 0.0, 0.26),
+        joint_pos={"abduction_.*": 0.0, "hip_.*": 0.5, "knee_.*": 1.0},
+    ),
     # -- robots with two legs
     "g1": RobotEntry(
         "Unitree G1, a humanoid",
@@ -203,6 +210,12 @@ ROBOTS: dict[str, RobotEntry] = {
             "feet": Drive(".*_foot", 50.0, 5.0, 45.0, 11.5),
         },
     ),
+    "op3": RobotEntry(
+        "Robotis OP3, a small humanoid",
+        _menagerie("robotis_op3", "op3.xml", "op3"),
+        fixed_base=False,
+        pos=(0.0, 0.0, 0.28),
+    ),
     "digit": RobotEntry("Agility Digit, a humanoid with closed chains", (), fixed_base=False, get=_NO_DIGIT),
     # -- arms
     "panda": RobotEntry(
@@ -250,7 +263,31 @@ ROBOTS: dict[str, RobotEntry] = {
         fixed_base=True,
         joint_pos={"joint2": 0.785398, "joint4": -1.5708, "joint[13567]": 0.0},
     ),
+    "gen3": RobotEntry(
+        "Kinova Gen3, an arm", _menagerie("kinova_gen3", "gen3.xml", "gen3"), fixed_base=True, keyframe="home"
+    ),
+    "xarm7": RobotEntry(
+        "UFactory xArm 7, an arm with a gripper",
+        _menagerie("ufactory_xarm7", "xarm7.xml", "xarm7"),
+        fixed_base=True,
+        keyframe="home",
+    ),
+    "sawyer": RobotEntry(
+        "Rethink Robotics Sawyer, an arm",
+        _menagerie("rethink_robotics_sawyer", "sawyer.xml", "sawyer"),
+        fixed_base=True,
+        keyframe="home",
+    ),
+    "so_arm100": RobotEntry(
+        "SO-ARM100, a small arm with a gripper",
+        _menagerie("trs_so_arm100", "so_arm100.xml", "so_arm100"),
+        fixed_base=True,
+        keyframe="home",
+    ),
     # -- hands
+    "robotiq_2f85": RobotEntry(
+        "Robotiq 2F-85, a gripper", _menagerie("robotiq_2f85", "2f85.xml", "robotiq_2f85"), fixed_base=True, pos=_HAND
+    ),
     "allegro": RobotEntry(
         "Wonik Allegro, a right hand",
         (*_menagerie("wonik_allegro", "right_hand.xml", "allegro_hand"), ("newton", "wonik_allegro", None)),

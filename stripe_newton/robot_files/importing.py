@@ -34,6 +34,8 @@ from .mjcf_edits import edit_mjcf
 from .mjcf_joint_frames import anchor_hinges, joint_motion_rows
 from .mjcf_masses import take_compiled_masses
 from .mjcf_rows import mjcf_rows
+from .mjcf_sites import tie_sites
+from .mjcf_tied_bodies import let_tied_bodies_collide
 from .urdf import prepare_urdf
 from .urdf_checks import Row, undecided_root
 
@@ -230,7 +232,11 @@ def _add_mjcf(
     if scale == 1.0 and not own.get("collapse_fixed_joints"):
         take_compiled_masses(builder, start.body, model)
     complete_mjcf(builder, str(path), start, keyframe, xform, scale)
-    return [*mjcf_rows(builder, start, model, options), *joint_motion_rows(builder, start.joint, model, scale)]
+    tied: list[Row] = []
+    if not own.get("collapse_fixed_joints"):
+        tied += tie_sites(builder, start.equality, model, scale)
+        tied += let_tied_bodies_collide(builder, start.equality, model)
+    return [*tied, *mjcf_rows(builder, start, model, options), *joint_motion_rows(builder, start.joint, model, scale)]
 
 
 def _without_root_pose(model: mujoco.MjModel, wanted: wp.transform, scale: float) -> wp.transform:

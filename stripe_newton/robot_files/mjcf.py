@@ -53,6 +53,7 @@ def complete_mjcf(
       labelled ``a+b+c``, one name a degree of freedom.
     * Servos become drives. Newton reads ``<position>`` as a drive that follows the position target, but the same law
       written ``<general biastype="affine">`` as an actuator that pulls towards its own control, for ever zero.
+    * The gear of a servo is in the gains of its drive, whose target is the position of the joint.
     * The force range of a drive, and the control range of a ``<motor>`` times its gear, become the joint's effort
       limit, which an actuator config can then replace.
     * Joint coordinates are those of the file, also with ``ref``: see :func:`count_as_the_file`.
@@ -158,12 +159,23 @@ def _servos_to_drives(builder: newton.ModelBuilder, first: int) -> None:
             builder.joint_target_mode[dof] = int(follows)
             source[row] = int(SolverMuJoCo.CtrlSource.JOINT_TARGET)
             kind[row] = int(SolverMuJoCo.CtrlType.POSITION if gains[0] > 0.0 else SolverMuJoCo.CtrlType.VELOCITY)
+        elif (gear := _gear(builder, row)) not in (0.0, 1.0):
+            _move_gear_into_gains(builder, row, dof, gear)
         # A range of the drive would hold beside the joint's limit, and an actuator config could not raise it.
         if _limit_effort(builder, dof, _force_range(builder, row)):
             _rows(builder, "actuator_has_forcerange")[row] = 0
             limited = _rows(builder, "actuator_forcelimited")
             if row < len(limited):
                 limited[row] = 0  # else a file that says "true" asks for a range that is gone
+
+
+def _move_gear_into_gains(builder: newton.ModelBuilder, row: int, dof: int, gear: float) -> None:
+    """Let a ``<position>`` or ``<velocity>``, whose law is that of gear times the coordinate, be one of its joint."""
+    builder.joint_target_ke[dof] *= gear**2
+    builder.joint_target_kd[dof] *= gear**2
+    if _value(builder, "actuator_has_ctrlrange", row):
+        ends = sorted(float(end) / gear for end in _value(builder, "actuator_ctrlrange", row))
+        _rows(builder, "actuator_ctrlrange")[row] = wp.vec2(*ends)
 
 
 def _servo_gains(builder: newton.ModelBuilder, row: int) -> tuple[float, float] | None:

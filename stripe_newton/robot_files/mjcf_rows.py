@@ -145,7 +145,11 @@ def _joint_differences(builder: newton.ModelBuilder, start: MjcfStart, model: mu
     for joint in range(model.njnt):
         name = model.joint(joint).name
         dof = own.get(name.replace("-", "_"))
-        if dof is None or model.jnt_type[joint] in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
+        # As numbers: a number of NumPy is in no tuple of these enumerators.
+        if int(model.jnt_type[joint]) in (int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)):
+            yield from _lost_of_joint(model, joint)
+            continue
+        if dof is None:
             continue
         at = model.jnt_dofadr[joint]
         limits = model.jnt_range[joint] if model.jnt_limited[joint] else (-np.inf, np.inf)
@@ -160,6 +164,19 @@ def _joint_differences(builder: newton.ModelBuilder, start: MjcfStart, model: mu
             here = float(np.copysign(np.inf, here)) if abs(here) >= _UNLIMITED else float(here)
             if not (here == there or np.isclose(here, there, rtol=_RELATIVE, atol=1e-6)):
                 yield name, what, f"MuJoCo reads {there:.4g}, Newton {here:.4g}"
+
+
+def _lost_of_joint(model: mujoco.MjModel, joint: int) -> Iterator[Row]:
+    """What Newton's solver leaves out of free joints and ball joints."""
+    name = model.joint(joint).name or f"joint of {model.body(int(model.jnt_bodyid[joint])).name}"
+    if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL:
+        if model.jnt_limited[joint]:
+            yield name, "range", "not read: ball joints have no limits"
+        return
+    at = model.jnt_dofadr[joint]
+    for what in ("damping", "armature", "frictionloss"):
+        if value := float(getattr(model, f"dof_{what}")[at]):
+            yield name, what, f"{value:.4g} in the file is not read: free joints have none"
 
 
 def _dofs_by_name(builder: newton.ModelBuilder, start: MjcfStart) -> dict[str, int]:

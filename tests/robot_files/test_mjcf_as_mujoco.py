@@ -12,6 +12,7 @@ import pytest
 
 from stripe_newton.robot_files import RobotFileError, inspect_robot_file
 from stripe_newton.robot_files.importing import import_robot_file
+from stripe_newton.sim.connect_anchors import ConnectAnchors
 
 INERTIAL = '<inertial pos="0.1 0 0" mass="2" diaginertia=".02 .03 .04"/>'
 
@@ -211,3 +212,57 @@ def test_the_folder_of_meshes_is_that_of_the_file_for_what_it_includes_too(tmp_p
     body = '<body name="a"><freejoint/><geom type="mesh" mesh="wedge"/></body>'
     builder, model, _ = imported(tmp_path, body, head)
     assert builder.body_mass[0] == pytest.approx(model.body_mass[1], rel=1e-5)
+
+
+@pytest.mark.parametrize("servo", ['position kp="3" kv="0.5"', 'velocity kv="2"'])
+def test_the_gear_of_a_servo_is_in_the_gains_of_its_drive(tmp_path, servo):
+    rest = f'<actuator><{servo} joint="j" gear="10" ctrlrange="-4 5"/></actuator>'
+    builder, theirs, _ = imported(tmp_path, f'<body name="a"><joint name="j" axis="0 1 0"/>{INERTIAL}</body>', rest)
+    ours = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu")).mj_model
+    accelerations = []
+    for model, control in ((ours, 0.4), (theirs, 4.0)):  # a position of the joint, and of the motor before the gear
+        model.opt.gravity[:] = 0.0
+        data = mujoco.MjData(model)
+        data.qpos[0], data.qvel[0], data.ctrl[0] = 0.3, -0.7, control
+        mujoco.mj_forward(model, data)
+        accelerations.append(data.qacc[0])
+    assert accelerations[0] == pytest.approx(accelerations[1], rel=1e-5)
+    np.testing.assert_allclose(ours.actuator_ctrlrange[0] * 10, theirs.actuator_ctrlrange[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["connect", "weld"])
+def test_sites_that_are_apart_are_pulled_together(tmp_path, kind):
+    site = '<site name="{}" pos="{}" euler="{}"/>'
+    bodies = "".join(
+        f'<body name="{name}" pos="{pos}"><freejoint/>{INERTIAL}{site.format(*own)}</body>'
+        for name, pos, own in (("a", "0 0 1", ("s", ".5 0 0", "0 0 30")), ("b", "1 0 1", ("t", "-.2 .1 0", "20 0 0")))
+    )
+    builder, theirs, rows = imported(tmp_path, bodies, f'<equality><{kind} site1="s" site2="t"/></equality>')
+    model = builder.finalize(device="cpu")
+    solver = newton.solvers.SolverMuJoCo(model, use_mujoco_cpu=True)
+    ConnectAnchors(solver)
+    assert rows.keys() == {"option"}
+    places = []
+    for mj in (solver.mj_model, theirs):
+        mj.opt.gravity[:] = 0.0
+        mj.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        data = mujoco.MjData(mj)
+        mujoco.mj_step(mj, data, 300)
+        places.append(data.xpos[1:3].copy())
+    np.testing.assert_allclose(places[0], places[1], atol=2e-3)
+
+
+@pytest.mark.parametrize("kind", ["connect", "weld"])
+@pytest.mark.parametrize("excluded", [False, True])
+def test_tied_bodies_collide_as_in_mujoco(tmp_path, kind, excluded):
+    body = '<body name="{}" pos="{} 0 0"><freejoint/><geom size="0.1"/></body>'
+    tie = f'<equality><{kind} body1="a" body2="b" anchor="0.1 0 0"/></equality>'
+    exclude = '<contact><exclude body1="a" body2="b"/></contact>' if excluded else ""
+    builder, theirs, _ = imported(tmp_path, body.format("a", 0) + body.format("b", 0.15), tie + exclude)
+    ours = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu"), use_mujoco_cpu=True).mj_model
+    contacts = []
+    for model in (ours, theirs):
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        contacts.append(int(data.ncon))
+    assert contacts[0] == contacts[1] == int(not excluded)

@@ -171,3 +171,13 @@ def test_equal_warnings_are_one_row_with_their_number():
         ("FR (+2 more)", "warning of Newton", "Geom 'FR': negative margin"),
         ("", "warning of Newton", "something else"),
     ]
+
+
+def test_what_free_and_ball_joints_lose_has_a_row(tmp_path):
+    joint = '<joint name="f" type="free" damping="0.3"/><geom size="0.1"/>'
+    ball = '<body name="c" pos="0 0 1"><joint type="ball" range="0 90"/><geom size="0.1"/></body>'
+    path = tmp_path / "robot.xml"
+    path.write_text(f'<mujoco><worldbody><body name="a">{joint}{ball}</body></worldbody></mujoco>')
+    rows = {row[:2]: row[2] for row in inspect_robot_file(path).ignored}
+    assert rows["f", "damping"] == "0.3 in the file is not read: free joints have none"
+    assert rows["joint of c", "range"] == "not read: ball joints have no limits"

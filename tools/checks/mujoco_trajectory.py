@@ -64,6 +64,8 @@ def compare_trajectories(solver: newton.solvers.SolverMuJoCo, path: str, steps: 
     actuators = _actuators(ours, theirs)
     if actuators is None:
         return Difference(0.0, 0.0, 0.0, 0.0, f"{ours.nu} actuators of {theirs.nu}, or of others")
+    # The control of a drive is a position of its joint, also where the file's is one of a motor before a gear.
+    gears = ours.actuator_gear[:, 0] / theirs.actuator_gear[actuators, 0]
     ours.actuator_forcelimited[:] = theirs.actuator_forcelimited[actuators]
     ours.actuator_forcerange[:] = theirs.actuator_forcerange[actuators]
     own, their = mujoco.MjData(ours), mujoco.MjData(theirs)
@@ -73,12 +75,14 @@ def compare_trajectories(solver: newton.solvers.SolverMuJoCo, path: str, steps: 
     start, controls, worst = their.qpos.copy(), _controls(theirs, steps, seed), 0.0
     for control in controls:
         their.ctrl[:] = control
-        own.ctrl[:] = control[actuators]
+        own.ctrl[:] = control[actuators] * gears
         mujoco.mj_step(theirs, their)
         mujoco.mj_step(ours, own)
         worst = max(worst, _largest(own.qpos[columns[0]] - their.qpos[columns[1]]))
     moved = _largest(their.qpos - start)
-    return Difference(at_start, _accelerations(own, their, columns, dofs, controls, actuators, seed), worst, moved)
+    return Difference(
+        at_start, _accelerations(own, their, columns, dofs, controls, actuators, gears, seed), worst, moved
+    )
 
 
 def _accelerations(
@@ -88,6 +92,7 @@ def _accelerations(
     dofs: _Columns,
     controls: np.ndarray,
     actuators: list[int],
+    gears: np.ndarray,
     seed: int,
 ) -> float:
     """See :attr:`Difference.acceleration`: twenty states within the limits of the joints."""
@@ -104,7 +109,7 @@ def _accelerations(
                 inside = 0.01 * (high - low)  # at the very limit rounding decides whether it holds
                 their.qpos[at] = np.clip(their.qpos[at], low + inside, high - inside)
         control = controls[random.integers(len(controls))]
-        their.ctrl[:], own.ctrl[:] = control, control[actuators]
+        their.ctrl[:], own.ctrl[:] = control, control[actuators] * gears
         their.qvel[:] = velocity
         own.qpos[columns[0]], own.qvel[dofs[0]] = their.qpos[columns[1]], velocity[dofs[1]]
         mujoco.mj_forward(model, their)
