@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import torch
 
+import stripe_newton.math as m
 from tests.helpers.fused import Fused, compile_for_gpu, gpu_codes, run_fused
 
 N = 37
@@ -186,10 +187,32 @@ EXACT: dict[str, Callable[[], Any]] = {
 """Functions whose results must be torch's, bit for bit."""
 
 P = Q.abs() + 1e-3
+QUAT, TURN = (torch.nn.functional.normalize(_numbers(N, 4, seed=s), dim=-1) for s in (6, 7))
+
+
+@torch.jit.script
+def scripted(x: torch.Tensor, y: torch.Tensor, scale: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """Rewards in the way of Isaac Gym's tasks."""
+    distance = torch.norm(x - y, p=2, dim=-1)
+    reward = 1.0 / (1.0 + distance * distance)
+    reward = torch.where(distance < 0.5, reward + scale, reward * scale)
+    return torch.clamp(reward, 0.0, 2.0), torch.where(distance > 2.0, torch.ones_like(reward), torch.zeros_like(reward))
+
+
+def frames() -> tuple[torch.Tensor, ...]:
+    position, turn = m.subtract_frame_transforms(X, QUAT, Y, TURN)
+    return position, turn, *m.combine_frame_transforms(X, QUAT, Y, TURN), m.axis_angle_from_quat(turn)
+
+
 CLOSE: dict[str, Callable[[], Any]] = {
     "trigonometric": lambda: (Q.sin(), Q.cos(), Q.tan(), Q.clamp(-1, 1).asin(), Q.clamp(-1, 1).acos(), Q.atan()),
     "exponential": lambda: (Q.exp(), P.log(), Q.tanh(), Q.sigmoid(), Q.sinh(), Q.cosh()),
     "power": lambda: (P**1.7, P.rsqrt(), P**-0.5, torch.atan2(X, Y), P.sqrt(), P**0.5),
+    "scripted": lambda: scripted(X, Y, 0.3),
+    "frames": frames,
+    "rotations": lambda: (m.quat_mul(QUAT, TURN), m.quat_apply(QUAT, X), m.yaw_quat(QUAT), m.matrix_from_quat(QUAT)),
+    "angles": lambda: (*m.euler_xyz_from_quat(QUAT), m.quat_from_euler_xyz(S, S + 1.0, -S), m.wrap_to_pi(9.0 * S)),
+    "torso": lambda: m.compute_rot(QUAT, X, Y, X + 2.0, Y),
     "lerp": lambda: (
         torch.lerp(X, Y, 0.3),
         torch.lerp(X, Y, 0.8),
