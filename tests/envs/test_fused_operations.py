@@ -11,6 +11,8 @@ import pytest
 import torch
 
 import stripe_newton.math as m
+from stripe_newton.envs.hook_graphs.fused import trusted
+from stripe_newton.envs.hook_graphs.fused.function_check import differing_functions
 from tests.helpers.fused import Fused, compile_for_gpu, gpu_codes, run_fused
 
 N = 37
@@ -257,6 +259,19 @@ def test_each_function_is_one_kernel(fused, name):
     assert [a for a in run.traced.alone if not a.startswith(("empty", "arange"))] == []
     assert len(run.launched.codes) == (2 if name == "written_by_indices" else 1)  # no row may read what others write
     assert run.launched.operations == run.traced.operations
+
+
+@pytest.mark.slow
+def test_functions_that_differ_are_found_and_left_to_torch(monkeypatch):
+    """As on a GPU whose library of functions is another one than torch's; on a CPU torch has functions of its own."""
+    differing = differing_functions("cpu")
+    arithmetic = {"add", "sub", "mul", "div", "neg", "abs", "sign", "square", "maximum", "minimum", "clamp", "floor"}
+    assert not differing & arithmetic
+    monkeypatch.setattr(trusted, "_DIFFERING", {torch.device("cpu"): frozenset({"sin", "pow"})})
+    run = run_fused({"both": lambda: (X.sin() * 2.0 + X**2, P**1.5 + 1.0)}, N)["both"]
+    assert run.traced.alone == ["sin rounds differently here", "pow.Tensor_Scalar rounds differently here"]
+    for found, expected in zip(run.result, (X.sin() * 2.0 + X**2, P**1.5 + 1.0), strict=True):
+        assert torch.equal(found, expected)
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import torch
 
 from .chain import ChainCode
 from .chain_kernels import compile_chains
+from .function_check import check_functions
 from .fusing_mode import FusingMode
 
 __all__ = ["HookFusion"]
@@ -55,6 +56,7 @@ class HookFusion:
     @contextlib.contextmanager
     def tracing(self, variant: int) -> Iterator[None]:
         """Context in which a run of the hook's recorded form is watched, and its chains are compiled at the end."""
+        check_functions(self._device)
         mode = FusingMode(torch.device(self._device), self._rows(variant), launches=False)
         self._tracing = variant
         try:

@@ -13,6 +13,7 @@ from .plan import Plan
 from .pointwise import POINTWISE, elementwise
 from .reducing import REDUCING
 from .rows import Unsupported
+from .trusted import require_trusted
 
 __all__ = ["OPERATIONS", "plan"]
 
@@ -39,4 +40,5 @@ def plan(call: Call, rows: int) -> Plan:
     make = OPERATIONS.get(call.name)
     if make is None:
         raise Unsupported("is not known")
+    require_trusted(call)
     return make(call, rows)
