@@ -55,8 +55,8 @@ def test_fused_steps_are_those_of_the_hooks(eager, fusing):
     recorder = recorder_of(env)
     assert [h.reason or h.fusion.reason for h in recorder.hooks] == [""] * 6, env.describe()
     assert recorder.hooks[4].variants > 0
-    assert statuses(env)["_get_dones"] == "7 operations in 1 launches"
-    assert "graph, torch, 7 operations in 1 launches" in env.describe()
+    assert statuses(env)["_get_dones"] == "7 operations in 1 launch"
+    assert "graph, torch, 7 operations in 1 launch" in env.describe()
 
 
 def test_a_hook_that_gives_other_numbers_is_recorded_as_it_is(eager, fusing, monkeypatch):
@@ -68,7 +68,7 @@ def test_a_hook_that_gives_other_numbers_is_recorded_as_it_is(eager, fusing, mon
     assert all(recorder.joined(h) for h in recorder.hooks if h.joins), env.describe()
     assert "graph, torch, not fused: envs/test_fused_hooks.py" in env.describe()
     assert "gives another 'reward_buf' when it is replayed" in statuses(env)["_get_rewards"]
-    assert statuses(env)["_pre_physics_step"].endswith("launches")
+    assert statuses(env)["_pre_physics_step"].endswith("2 launches")
 
 
 def test_an_error_in_fusing_is_named_and_costs_nothing_else(eager, fusing, monkeypatch):

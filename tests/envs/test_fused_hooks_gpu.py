@@ -55,7 +55,7 @@ def test_fused_steps_are_those_of_the_hooks(name):
     recorded = results(env, 300)
     assert first_difference(results(task_env(name, False), 300), recorded) == "", env.describe()
     statuses = {h.name: h.fusion.status for h in env._recorder.hooks}
-    assert all("launches" in status for status in statuses.values()), statuses
+    assert all("launch" in status for status in statuses.values()), statuses
 
 
 def test_fewer_kernels_are_launched():

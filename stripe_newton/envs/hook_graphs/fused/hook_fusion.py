@@ -99,4 +99,4 @@ class HookFusion:
         if not self._counts:
             return ""
         counts = self._counts[max(self._counts)]
-        return f"{counts.operations} operations in {counts.launches} launches"
+        return f"{counts.operations} operations in {counts.launches} launch{'' if counts.launches == 1 else 'es'}"
