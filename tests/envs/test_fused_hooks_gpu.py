@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from stripe_newton.envs.call_counts import count_calls
-from tests.envs import test_fused_operations as cases
-from tests.envs.test_hook_graphs_gpu import DEVICE, TASKS, results, task_env
+from tests.helpers import fused_cases as cases
+from tests.helpers.direct_tasks import DEVICE, TASKS, results, task_env
 from tests.helpers.fused import run_fused
 from tests.helpers.recorded_cart import first_difference
 

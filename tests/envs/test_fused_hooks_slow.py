@@ -66,7 +66,7 @@ def test_a_hook_that_gives_other_numbers_is_recorded_as_it_is(eager, fusing, mon
     assert first_difference(eager, run(env, STEPS)) == ""
     recorder = recorder_of(env)
     assert all(recorder.joined(h) for h in recorder.hooks if h.joins), env.describe()
-    assert "graph, torch, not fused: envs/test_fused_hooks.py" in env.describe()
+    assert "graph, torch, not fused: envs/test_fused_hooks_slow.py" in env.describe()
     assert "gives another 'reward_buf' when it is replayed" in statuses(env)["_get_rewards"]
     assert statuses(env)["_pre_physics_step"].endswith("2 launches")
 
