@@ -17,6 +17,7 @@ from stripe_newton.sim.capture import TorchGraph
 from .call_counts import warp_waits
 from .env_state import repeats, state_arrays
 from .hook_graphs import EnvRows, HookGraph, HookRecorder, RecordedHook
+from .hook_graphs.fused import NotFusible
 from .hook_graphs.host_values import NotRecordable
 from .hook_graphs.reachable import NOTHING, assign, scan, value_at
 from .hook_results import leaves_of
@@ -104,6 +105,9 @@ class Recorder:
             generators = scan(self.env, SKIPPED).generators  # of a task's own, beside torch's default
             try:
                 graph = TorchGraph(function, self._stream, self._pool, generators, free_memory=False)
+            except NotFusible:  # the hook has given fusion up: without it, it can be recorded
+                self._in_pool.clear()
+                return self(function)
             except Exception:
                 self._in_pool.clear()  # nor can a pool be used after a recording that failed
                 raise

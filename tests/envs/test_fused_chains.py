@@ -10,7 +10,7 @@ import pytest
 import torch
 import warp as wp
 
-from stripe_newton.envs.hook_graphs.fused import chain_kernels
+from stripe_newton.envs.hook_graphs.fused import chain, chain_kernels
 from stripe_newton.envs.hook_graphs.fused.fusing_mode import FusingMode, NotFusible
 from tests.helpers.fused import Fused, compile_for_gpu, gpu_codes, run_fused
 
@@ -133,12 +133,16 @@ def temporaries(s: State) -> Any:
     return total[:, 0]
 
 
+def copies_to_view(s: State) -> Any:
+    return (s.wide.view(N, 2, 4).transpose(1, 2).reshape(N, 8) * 2.0).reshape(N, 4, 2) + 1.0
+
+
 CASES: dict[str, tuple[Callable[[State], Any], int]] = {
     function.__name__: (function, count)
     for function, count in (
         (reads_another_row, 2), (turns_rows, 1), (writes_what_was_read_across, 2), (overlapping_arrays, 1),
         (counts, 1), (launches_warp, 2), (draws, 1), (logs, 2), (unset, 1), (columns_as_rows, 2), (flat_rows, 2),
-        (resets, 3), (other_type, 2), (temporaries, 1),
+        (resets, 3), (other_type, 2), (temporaries, 1), (copies_to_view, 1),
     )
 }  # fmt: skip
 """Functions, each with the number of its chains."""
@@ -169,6 +173,14 @@ def test_only_what_is_read_later_is_written(fused):
     """Of ten operations on three columns the last tensor is written, as a view of it is returned, and no other."""
     (code,) = fused["temporaries"].traced.codes
     assert sum(line.startswith("*") for line in code.body.splitlines()) == 3, code.body
+
+
+def test_long_chains_are_divided(monkeypatch):
+    monkeypatch.setattr(chain, "MAX_STATEMENTS", 30)
+    run = run_fused({"long": lambda: temporaries(STATE)}, N, STATE.reset)["long"]
+    assert len(run.launched.codes) >= 2
+    STATE.reset()
+    assert torch.equal(run.result, temporaries(STATE))
 
 
 def test_another_run_is_an_error():

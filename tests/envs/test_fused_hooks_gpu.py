@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from stripe_newton.envs.call_counts import count_calls
-from tests.envs import test_fused_operations as cases
-from tests.envs.test_hook_graphs_gpu import DEVICE, TASKS, results, task_env
+from tests.helpers import fused_cases as cases
+from tests.helpers.direct_tasks import DEVICE, TASKS, results, task_env
 from tests.helpers.fused import run_fused
 from tests.helpers.recorded_cart import first_difference
 
@@ -55,7 +55,7 @@ def test_fused_steps_are_those_of_the_hooks(name):
     recorded = results(env, 300)
     assert first_difference(results(task_env(name, False), 300), recorded) == "", env.describe()
     statuses = {h.name: h.fusion.status for h in env._recorder.hooks}
-    assert all("launches" in status for status in statuses.values()), statuses
+    assert all("launch" in status for status in statuses.values()), statuses
 
 
 def test_fewer_kernels_are_launched():

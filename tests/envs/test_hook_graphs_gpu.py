@@ -5,17 +5,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import gymnasium
 import pytest
 import torch
 
-import stripe_tasks  # noqa: F401
-from stripe_newton.cli.run_configs import load_configs
 from stripe_newton.envs.call_counts import count_calls
 from stripe_newton.envs.hook_graphs import HookRecorder
 from stripe_newton.rl.runner import OnPolicyRunner
 from stripe_newton.rl.wrappers.rsl_rl import RslRlVecEnvWrapper
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
+from tests.helpers.direct_tasks import DEVICE, TASKS, results, task_env
 from tests.helpers.recorded_cart import (
     RecordedCart,
     WarpReset,
@@ -28,37 +26,11 @@ from tests.helpers.recorded_cart import (
 
 pytestmark = pytest.mark.gpu
 
-DEVICE = "cuda:0"
-TASKS = ["Stripe-Cartpole-Direct-v0", "Stripe-Ant-Direct-v0", "Stripe-Humanoid-Direct-v0"]
-
 
 def cart(cls: type[RecordedCart] = RecordedCart, **changes: Any) -> RecordedCart:
     return make(
         cls, sim=SimulationCfg(device=DEVICE, dt=0.01, solver=MuJoCoSolverCfg(disable_contacts=True)), **changes
     )
-
-
-def task_env(name: str, hooks_graph: Any, num_envs: int = 256, **changes: Any) -> Any:
-    cfg = load_configs(name, None).env.replace(**changes)
-    cfg.sim.device, cfg.scene.num_envs, cfg.seed, cfg.hooks_graph = DEVICE, num_envs, 1, hooks_graph
-    cfg.episode_length_s = 2.0
-    env = gymnasium.make_vec(name, cfg=cfg).unwrapped
-    env.reset(seed=1)
-    phases = torch.arange(num_envs, device=DEVICE) * 7 % env.max_episode_length
-    env.episode_length_buf = phases
-    return env
-
-
-def results(env: Any, steps: int) -> list[dict[str, torch.Tensor]]:
-    generator = torch.Generator(device=DEVICE).manual_seed(0)
-    actions = 2.0 * torch.rand(16, *env.action_space.shape, generator=generator, device=DEVICE) - 1.0
-    torch.manual_seed(5)
-    found = []
-    for index in range(steps):
-        obs, reward, terminated, truncated, extras = env.step(actions[index % 16])
-        log = {k: torch.as_tensor(v).clone() for k, v in extras["log"].items()}
-        found.append({**obs, "reward": reward, "terminated": terminated, "truncated": truncated, **log})
-    return found
 
 
 def test_state_in_all_forms_carries_over():

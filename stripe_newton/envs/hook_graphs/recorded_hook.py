@@ -15,7 +15,7 @@ import torch
 
 from .carried_state import NotSteady, moved_paths
 from .extras import ExtrasMemory, added_extras, copy_extras, tensors_of
-from .fused import HookFusion
+from .fused import HookFusion, NotFusible
 from .host_values import (
     ExecutedCode,
     HostCalls,
@@ -111,6 +111,7 @@ class RecordedHook:
 
         Raises:
             NotRecordable: if the hook does what a graph cannot hold.
+            NotFusible: if its fused form cannot be recorded; from then on it is not fused.
         """
         context, env = self._context, self._context.env
         assert context.carried is not None
@@ -128,8 +129,13 @@ class RecordedHook:
                 extras = self.extras_memory.keep(added_extras(before, dicts, env.extras), context.carried.holds)
             changed = [(o, n, getattr(o, n)) for o, n, old in flags if getattr(o, n) != old]
             return Launched(env, extras, changed)
-        except NotSteady as error:
-            raise NotRecordable(f"{self.location}: {error}") from error
+        except Exception as error:
+            if self.fusion.fuses(variant):
+                self.fusion.give_up(f"{self.location}: {error}")
+                raise NotFusible(str(error)) from error
+            if isinstance(error, NotSteady):
+                raise NotRecordable(f"{self.location}: {error}") from error
+            raise
         finally:
             bound.restore()  # for an error in the middle: what has been recorded does not exist yet
             env.extras = original
@@ -311,8 +317,9 @@ class RecordedHook:
             self._try_fusion(variant)
             return ""
         self.unchecked = max(self.unchecked - 1, 0)
+        is_fused = self.fusion.fuses(variant)
         difference = self._compare(lambda: self.replay(variant))
-        if difference and self.fusion.fuses(variant):
+        if difference and is_fused:
             self._give_up_fusion(difference)
             return ""
         return difference

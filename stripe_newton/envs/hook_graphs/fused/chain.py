@@ -9,11 +9,14 @@ from dataclasses import dataclass
 
 import torch
 
-from .memory import Memory, Region
+from .memory import Hazard, Memory, Region
 from .plan import Plan
 from .source import Source
 
 __all__ = ["Chain", "ChainCode"]
+
+MAX_STATEMENTS, MAX_REGIONS = 4000, 256
+"""Size of a chain at which the next one begins: compilers take long for large functions, and arguments are limited."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,8 @@ class Chain:
             Hazard: if it must begin the next chain.
             Unsupported: if no chain can hold it.
         """
+        if len(self._source.lines) > MAX_STATEMENTS or self.memory.size > MAX_REGIONS:
+            raise Hazard("the chain is long enough")
         target = [plan.result(plan.target)] if plan.target is not None and plan.scattered is None else []
         self.memory.admit([*plan.inputs, *target], self.rows)
         if plan.gathered is not None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -174,14 +175,15 @@ def _before_warp_launches(flush: Callable[[], None]) -> Iterator[None]:
     """Call a function before each call to Warp that may read or write memory on the device."""
     # Warp has no hook for this. Its launches and copies go through these functions, and on a GPU through its library.
     wp.init()
-    core = wp._src.context.runtime.core
+    core, thread = wp._src.context.runtime.core, threading.get_ident()
     places: list[tuple[object, str]] = [(wp, "launch"), (wp.Launch, "launch"), (wp.array, "zero_"), (wp.array, "fill_")]
     places += [(core, name) for name in vars(core) if _may_use_memory(name)]
     originals = [(holder, name, getattr(holder, name)) for holder, name in places]
 
     def flushed(function: Callable[..., object]) -> Callable[..., object]:
         def call(*args: object, **kwargs: object) -> object:
-            flush()
+            if threading.get_ident() == thread:  # and not that of a viewer
+                flush()
             return function(*args, **kwargs)
 
         return call

@@ -11,6 +11,7 @@ import torch
 
 from .chain import ChainCode
 from .chain_kernels import compile_chains
+from .function_check import check_functions
 from .fusing_mode import FusingMode
 
 __all__ = ["HookFusion"]
@@ -55,6 +56,7 @@ class HookFusion:
     @contextlib.contextmanager
     def tracing(self, variant: int) -> Iterator[None]:
         """Context in which a run of the hook's recorded form is watched, and its chains are compiled at the end."""
+        check_functions(self._device)
         mode = FusingMode(torch.device(self._device), self._rows(variant), launches=False)
         self._tracing = variant
         try:
@@ -97,4 +99,4 @@ class HookFusion:
         if not self._counts:
             return ""
         counts = self._counts[max(self._counts)]
-        return f"{counts.operations} operations in {counts.launches} launches"
+        return f"{counts.operations} operations in {counts.launches} launch{'' if counts.launches == 1 else 'es'}"

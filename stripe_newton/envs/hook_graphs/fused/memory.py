@@ -113,6 +113,11 @@ class Memory:
 
     # -- regions
 
+    @property
+    def size(self) -> int:
+        """Number of regions."""
+        return len(self._regions)
+
     def add_made(self, tensor: torch.Tensor) -> None:
         """Take note of a tensor that an operation of the chain has made."""
         storage = tensor.untyped_storage()
