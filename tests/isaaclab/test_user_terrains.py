@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+# ruff: noqa: NPY002  # functions of Isaac Lab draw from the state of numpy.random
 """Terrains that a project defines by Isaac Lab's signatures: height fields and meshes."""
 
 from __future__ import annotations
