@@ -25,7 +25,6 @@ IGNORED_FIELDS: dict[str, dict[str, str]] = {
         "physics_prim_path": "there is one simulation for an environment",
         "enable_scene_query_support": _PHYSX,
         "use_fabric": "Fabric is part of Omniverse",
-        "disable_contact_processing": "contacts of every body can be sensed",
         "create_stage_in_memory": "stages are always in memory",
     },
     "UsdFileCfg": _TENDONS,
