@@ -30,6 +30,6 @@ def configclass(cls: type[T]) -> type[T]:
     Subclasses may lack the decorator, and values may have other types than the class's own annotations say.
     """
     made = native.configclass(cls)
-    made.__dir__ = _names  # type: ignore[method-assign,assignment]
+    made.__dir__ = _names  # type: ignore[method-assign]
     made.OPEN, made.ADOPTS_SUBCLASSES, made.ANNOTATIONS_ARE_HINTS = (object,), True, True  # type: ignore[attr-defined]
     return made
