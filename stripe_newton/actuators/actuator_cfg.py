@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ActuatorCfg", "ImplicitActuatorCfg", "PerJoint", "PerJointLimit"]
 
+_SMALLEST_EFFORT = 1.0e-5
+"""Limit of a drive whose config or file gives it no effort [N or N m]."""
+
 PerJoint = float | dict[str, float] | None
 """One number for all joints of the group, or numbers by joint-name expression; ``None`` keeps those of the file."""
 PerJointLimit = AnyFloat | dict[str, AnyFloat] | None
@@ -132,6 +135,8 @@ class ImplicitActuatorCfg(ActuatorCfg):
         limit = self.effort_limit_sim if self.effort_limit_sim is not None else self.effort_limit
         self._set(builder.joint_effort_limit, limit, names, list(every), dofs)
         for dof in dofs:
+            # MuJoCo takes no empty range: a drive without effort has next to none.
+            builder.joint_effort_limit[dof] = max(builder.joint_effort_limit[dof], _SMALLEST_EFFORT)
             gains = builder.joint_target_ke[dof], builder.joint_target_kd[dof]
             # SolverMuJoCo makes the drives of a joint by its mode, and reads the gains afterwards.
             builder.joint_target_mode[dof] = int(newton.JointTargetMode.from_gains(*gains, has_drive=True))

@@ -78,4 +78,5 @@ class ManagerBase:
                 except (KeyError, ValueError) as error:
                     raise ValueError(f"{term_name}.params.{name}: {error}") from error
         if inspect.isclass(term_cfg.func):
-            term_cfg.func = term_cfg.func(cfg=term_cfg, env=self._env)
+            make: Any = term_cfg.func
+            term_cfg.func = make(cfg=term_cfg, env=self._env)

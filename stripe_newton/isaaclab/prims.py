@@ -21,6 +21,7 @@ __all__ = [
     "find_matching_prim_paths",
     "find_matching_prims",
     "get_all_matching_child_prims",
+    "get_context",
     "get_current_stage",
     "get_first_matching_child_prim",
     "get_prim_at_path",
@@ -36,6 +37,19 @@ def get_current_stage(fabric: bool = False) -> Usd.Stage:
     """The stage of the scene under construction, else that of the latest simulation."""
     sim = latest_simulation()
     return authored_stage() if sim is None else sim.stage
+
+
+class _Context:
+    """Omniverse's context, which is asked for the stage."""
+
+    def get_stage(self) -> Usd.Stage:
+        """The stage."""
+        return get_current_stage()
+
+
+def get_context(name: str = "") -> _Context:
+    """Omniverse's context; ``get_stage()`` of it is :func:`get_current_stage`."""
+    return _Context()
 
 
 def create_prim(

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import gymnasium
 
 from stripe_newton.configclass import resolve_name
@@ -21,11 +23,11 @@ _SKRL_CFG = "skrl_cfg_entry_point"
 class _NativeAgentCfg:
     """Entry point of an agent's config: makes the one that Isaac Lab's task names, and translates it."""
 
-    def __init__(self, entry_point: str):
+    def __init__(self, entry_point: str | Callable[[], object]):
         self.entry_point = entry_point
 
     def __call__(self) -> NativeRunnerCfg:
-        cfg = resolve_name(self.entry_point)()
+        cfg = (resolve_name(self.entry_point) if isinstance(self.entry_point, str) else self.entry_point)()
         if isinstance(cfg, RslRlOnPolicyRunnerCfg):
             return cfg.to_native()
         if isinstance(cfg, NativeRunnerCfg):
@@ -35,14 +37,14 @@ class _NativeAgentCfg:
         )
 
     def __str__(self) -> str:
-        return self.entry_point
+        return str(self.entry_point)
 
 
 class _SkrlAgentCfg(_NativeAgentCfg):
     """Entry point of a config of skrl: makes a config for rsl_rl of it."""
 
     def __call__(self) -> NativeRunnerCfg:
-        return read_skrl_config(self.entry_point)
+        return read_skrl_config(str(self.entry_point))
 
 
 def adopt_tasks() -> list[str]:
@@ -60,7 +62,7 @@ def adopt_tasks() -> list[str]:
             continue
         spec.vector_entry_point = vector_env_creator(spec.entry_point, spec.kwargs[_ENV_CFG])
         agent = spec.kwargs.get(_AGENT_CFG)
-        if isinstance(agent, str):
+        if isinstance(agent, str) or (isinstance(agent, type) and issubclass(agent, RslRlOnPolicyRunnerCfg)):
             spec.kwargs[_AGENT_CFG] = _NativeAgentCfg(agent)
         elif agent is None and isinstance(spec.kwargs.get(_SKRL_CFG), str):
             spec.kwargs[_AGENT_CFG] = _SkrlAgentCfg(spec.kwargs[_SKRL_CFG])

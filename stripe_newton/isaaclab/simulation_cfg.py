@@ -60,6 +60,7 @@ class SimulationCfg(native.SimulationCfg):
     enable_scene_query_support: bool = False
     use_fabric: bool = True
     create_stage_in_memory: bool = False
+    disable_contact_processing: bool = False
     logging_level: str = "WARNING"
     save_logs_to_file: bool = True
     log_dir: str | None = None
@@ -71,6 +72,7 @@ class SimulationCfg(native.SimulationCfg):
         "enable_scene_query_support": _NOT_PHYSX,
         "use_fabric": "states are Newton's arrays",
         "create_stage_in_memory": "the stage is always in memory",
+        "disable_contact_processing": "it is a field of Isaac Lab 2.0; contacts of every body can be sensed",
         **dict.fromkeys(("logging_level", "save_logs_to_file", "log_dir"), _ONE_PROCESS),
     }
 

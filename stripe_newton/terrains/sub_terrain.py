@@ -43,6 +43,10 @@ class SubTerrainBaseCfg:
     flat_patch_sampling: dict[str, FlatPatchSamplingCfg] | None = None
     """Flat patches to sample, by name. Terms read ``"init_pos"`` and ``"target"``."""
 
+    def heights(self, difficulty: float, rng: np.random.Generator) -> np.ndarray:
+        """What ``function`` returns: heights of a tile [m], rows along y."""
+        return self.function(difficulty, self, rng)
+
     def origin_height(self, tile: np.ndarray) -> float:
         """Height of the tile's origin, where robots start [m]: that of its middle.
 
@@ -95,7 +99,7 @@ def sub_terrain_heights(cfg: SubTerrainBaseCfg, difficulty: float, rng: np.rando
     Raises:
         ValueError: if the config's function returns another shape, or values that are not finite.
     """
-    heights = np.array(cfg.function(difficulty, cfg, rng), dtype=float)
+    heights = np.array(cfg.heights(difficulty, rng), dtype=float)
     shape = tuple(round(length / cfg.horizontal_scale) + 1 for length in reversed(cfg.size))
     if heights.shape != shape or not np.isfinite(heights).all():
         name = getattr(cfg.function, "__name__", cfg.function)  # a functools.partial has no name

@@ -11,7 +11,10 @@ from pxr import Usd
 from .ignored_rows import Ignored
 from .mesh_copies import with_geometry
 
-__all__ = ["articulate_single_joints", "set_translation_states", "unmirror_meshes"]
+__all__ = ["articulate_single_joints", "open_empty_drives", "set_translation_states", "unmirror_meshes"]
+
+_SMALLEST_EFFORT = 1.0e-5
+"""Limit of a drive whose ``maxForce`` is 0 [N or N m]."""
 
 
 def unmirror_meshes(builder: newton.ModelBuilder, first: int) -> None:
@@ -67,6 +70,17 @@ def _sort_articulations(builder: newton.ModelBuilder) -> None:
     for attribute in builder.custom_attributes.values():
         if attribute.frequency == newton.Model.AttributeFrequency.ARTICULATION and isinstance(attribute.values, dict):
             attribute.values = {new[a]: value for a, value in attribute.values.items()}
+
+
+def open_empty_drives(builder: newton.ModelBuilder, first: int) -> None:
+    """Give drives whose ``maxForce`` is 0 next to none: MuJoCo takes no empty range.
+
+    Args:
+        builder: The builder.
+        first: First degree of freedom.
+    """
+    for dof in range(first, builder.joint_dof_count):
+        builder.joint_effort_limit[dof] = max(builder.joint_effort_limit[dof], _SMALLEST_EFFORT)
 
 
 def set_translation_states(builder: newton.ModelBuilder, first: int, stage: Usd.Stage) -> None:

@@ -17,7 +17,7 @@ from pxr import Tf, Usd, UsdGeom, UsdPhysics, UsdUtils
 from stripe_newton.collision_tables import finalize_without_tables
 
 from .builder_checks import check_builder
-from .builder_repairs import articulate_single_joints, set_translation_states, unmirror_meshes
+from .builder_repairs import articulate_single_joints, open_empty_drives, set_translation_states, unmirror_meshes
 from .builder_start import BuilderStart
 from .checks import check_stage
 from .composition_errors import material_file_rows, without_errors
@@ -84,6 +84,7 @@ def load_stage(
     unmirror_meshes(builder, start.shape)
     articulate_single_joints(builder, start.joint, rows)
     set_translation_states(builder, start.joint, prepared)
+    open_empty_drives(builder, start.dof)
     if solver == "mujoco":
         rows.extend(thicken_flat_meshes(builder, start.shape, name))
         rows.extend(concave_mesh_rows(builder, start.shape, static_triangles=not hulls))

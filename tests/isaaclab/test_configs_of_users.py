@@ -31,3 +31,16 @@ def test_a_users_config_is_read_as_isaac_lab_reads_it(caplog):
 
     with pytest.raises(ConfigError, match=r"env_spacing: is 'two', must be"):  # those of the package are not
         Scene(num_envs=2, env_spacing="two").validate()
+
+
+def test_going_through_the_names_of_a_config_finds_its_terms():
+    @configclass
+    class Rewards:
+        alive: ActionTermCfg | None = None
+        speed: float = 0.0
+
+    cfg = Rewards()
+    cfg.added = 2.0
+    assert {n for n in dir(cfg) if not n.startswith("__") and not callable(getattr(cfg, n))} == {
+        "alive", "speed", "added",
+    }  # fmt: skip

@@ -208,3 +208,9 @@ def test_what_newton_raises_is_one_error(monkeypatch):
     monkeypatch.setattr(newton.ModelBuilder, "add_usd", fail)
     with pytest.raises(StageError, match="/A/shape: Newton does not read it: IndexError"):
         load_stage(newton.ModelBuilder(), usda(body_text()))
+
+
+def test_a_drive_without_effort_is_next_to_none():
+    drive = f"float {ANGULAR}:stiffness = 5\nfloat {ANGULAR}:maxForce = 0"
+    builder, _ = load(usda(joint_text(drive).replace(" }", "\n}").replace("{ ", "{\n")))
+    assert 0.0 < max(builder.joint_effort_limit[-1:]) < 1e-4

@@ -94,10 +94,11 @@ def run_task(task: str, num_envs: int, steps: int) -> None:
         RuntimeError: an observation or a reward is not finite.
     """
     spec = gymnasium.spec(task)
-    cfg = resolve_name(str(spec.kwargs["env_cfg_entry_point"]))()
+    entry = spec.kwargs["env_cfg_entry_point"]
+    cfg = (resolve_name(entry) if isinstance(entry, str) else entry)()
     cfg.scene.num_envs = num_envs
     cfg.sim.device = "cpu"
-    env = resolve_name(str(spec.entry_point))(cfg)
+    env = (resolve_name(spec.entry_point) if isinstance(spec.entry_point, str) else spec.entry_point)(cfg)
     env.reset(seed=0)
     torch.manual_seed(0)
     for step in range(steps):

@@ -34,7 +34,7 @@ NAMES: dict[str, Table] = {
     "omni.kit.app": inert(_NO_APP, "get_app"),
     "omni.log": inert(_NO_APP, "error info verbose warn"),
     "omni.replicator.core": refused(_NO_REPLICATOR, "BasicWriter create distribution get modify randomizer trigger"),
-    "omni.usd": refused(_NO_APP, "get_context get_world_transform_matrix"),
+    "omni.usd": dialect("prims", "get_context") | refused(_NO_APP, "get_world_transform_matrix"),
     "carb": dialect("app", "log_error log_info log_warn settings") | refused(_NO_APP, "Float3 input tokens"),
     "carb.settings": dialect("app", "get_settings"),
 }

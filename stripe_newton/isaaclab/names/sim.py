@@ -24,6 +24,7 @@ NAMES: dict[str, Table] = {
     | dialect("prims", PRIMS)
     | dialect("sensors", "PinholeCameraCfg")
     | dialect("file_spawners", "MjcfFileCfg UrdfConverterCfg UrdfFileCfg")
+    | refused("cameras have no distortion; use PinholeCameraCfg", "FisheyeCameraCfg")
     | refused("files are imported as they are", "MjcfConverter MjcfConverterCfg UrdfConverter")
     | dialect(
         "spawners",

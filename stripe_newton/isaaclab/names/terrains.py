@@ -6,8 +6,9 @@ from .entries import Table, dialect, refused, same
 NAMES: dict[str, Table] = {
     "isaaclab.terrains": same(
         "stripe_newton.terrains",
-        "FlatPatchSamplingCfg SubTerrainBaseCfg TerrainGenerator TerrainImporter TerrainImporterCfg",
+        "FlatPatchSamplingCfg TerrainGenerator TerrainImporter TerrainImporterCfg",
     )
+    | dialect("user_terrains", "SubTerrainBaseCfg")
     | dialect(
         "terrains",
         """HfDiscreteObstaclesTerrainCfg HfInvertedPyramidSlopedTerrainCfg HfInvertedPyramidStairsTerrainCfg
@@ -22,6 +23,8 @@ NAMES: dict[str, Table] = {
         """MeshRepeatedBoxesTerrainCfg MeshRepeatedCylindersTerrainCfg MeshRepeatedObjectsTerrainCfg
         MeshRepeatedPyramidsTerrainCfg""",
     ),
+    "isaaclab.terrains.height_field.utils": dialect("user_terrains", "height_field_to_mesh"),
+    "isaaclab.terrains.trimesh.utils": dialect("user_terrains", "make_border make_plane"),
     "isaaclab.terrains.config": {},
     "isaaclab.terrains.config.rough": dialect("terrains", "ROUGH_TERRAINS_CFG"),
 }
