@@ -25,6 +25,7 @@ myst_enable_extensions = ["attrs_inline"]
 
 html_theme = "furo"
 html_title = f"stripe-newton {version}"
+html_favicon = "_static/icon.svg"
 html_css_files = ["site.css"]
 html_js_files = ["versions.js"]
 html_show_sphinx = False

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import json as json_module
+import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -45,10 +46,10 @@ class _Inspection:
     """Rows of the table, by name."""
     reports: list[StageReport]
     """Reports of the files: what was read, and what was not."""
-    picture: np.ndarray
-    """uint8 ``(height, width, 3)``."""
+    draw: Callable[[], np.ndarray]
+    """Draws the picture, uint8 ``(height, width, 3)``; the tables are there before it."""
     subject: object
-    """The environment or the scene, which is there until the inspection ends."""
+    """The environment or the scene, which is there until the inspection ends, and complete once it was drawn."""
     actuators: list[ActuatorRow] = field(default_factory=list)
     """Actuators of an MJCF file."""
 
@@ -74,10 +75,12 @@ def run(argv: list[str]) -> int:
             _refuse_name(args.target)
         opened = _inspect_file(Path(args.target))
     with opened as found:
-        log.finish()
         path = args.out / f"{Path(args.target).stem if is_file else args.target}.png"
-        save_image(path, found.picture)
-        _print(found, args, path)
+        if not args.json:  # before the picture, whose kernels take long to compile the first time
+            _print_tables(found)
+        save_image(path, found.draw())
+        log.finish()
+        print(f"picture: {path}" if not args.json else _as_json(found, args.target, path))
         if args.viewer == "viser":
             _watch(found.subject, args)
     return 0
@@ -90,25 +93,27 @@ def _check(args: InspectArgs) -> None:
         check_installed()
 
 
-def _print(found: _Inspection, args: InspectArgs, path: Path) -> None:
-    """Print tables, or one JSON object, and where the picture is."""
-    if args.json:
-        reports = [report.to_dict() for report in found.reports]
-        actuators = [asdict(row) for row in found.actuators]
-        content = {"name": args.target, **found.facts, "picture": str(path), "reports": reports, "actuators": actuators}
-        print(json_module.dumps(content, indent=2))
-        return
+def _as_json(found: _Inspection, name: str, path: Path) -> str:
+    """One JSON object with all tables, and where the picture is."""
+    reports = [report.to_dict() for report in found.reports]
+    actuators = [asdict(row) for row in found.actuators]
+    content = {"name": name, **found.facts, "picture": str(path), "reports": reports, "actuators": actuators}
+    return json_module.dumps(content, indent=2)
+
+
+def _print_tables(found: _Inspection) -> None:
+    """Print the facts, the reports and the actuators."""
     width = max(map(len, found.facts), default=0) + 2
     for name, value in found.facts.items():
         lines = str(value).splitlines()
-        print(f"{name:<{width}}" + f"\n{'':<{width}}".join(lines))
+        print(f"{name:<{width}}" + "\n".join([lines[0], *(f"{'':<{width}}{line}".rstrip() for line in lines[1:])]))
     for report in found.reports:
         print(("\n" if found.facts else "") + report.to_text())
     if found.actuators:
         from stripe_newton.robot_files import actuator_table
 
         print(actuator_table(found.actuators) + "\n")
-    print(f"picture: {path}")
+    sys.stdout.flush()
 
 
 def _watch(subject: object, args: InspectArgs) -> None:
@@ -159,7 +164,6 @@ def _inspect_robot(path: Path, kind: str) -> Iterator[_Inspection]:
         report = inspect_robot_file(path)
     except RobotFileError as error:
         raise UserError(str(error)) from None
-    warm_up("cpu")  # not before a file that is refused
     held = any(row.base == "fixed" for row in report.articulations)
     spawn = (
         UrdfFileCfg(asset_path=str(path), fix_base=held)
@@ -167,16 +171,21 @@ def _inspect_robot(path: Path, kind: str) -> Iterator[_Inspection]:
         else MjcfFileCfg(asset_path=str(path), ignore_names=[])
     )
     scene = InteractiveScene(InteractiveSceneCfg(num_envs=1, env_spacing=0.0), Simulation(SimulationCfg(device="cpu")))
-    try:
+
+    def draw() -> np.ndarray:
+        warm_up("cpu")
         scene.builder.build_objects({"robot": AssetBaseCfg(prim_path="{ENV_REGEX_NS}/Robot", spawn=spawn)})
         scene.build()
+        return SceneRenderer(scene.sim, ViewerCfg()).render()
+
+    try:
         facts: dict[str, object] = {
             "format": kind.upper(),
             "base": ", ".join(dict.fromkeys(row.base for row in report.articulations)),
             "mass": round(sum(row.mass for row in report.bodies), 6),
         }
         actuators = actuator_rows(compile_mjcf(path)) if kind == "mjcf" else []
-        yield _Inspection(facts, [report], SceneRenderer(scene.sim, ViewerCfg()).render(), scene, actuators)
+        yield _Inspection(facts, [report], draw, scene, actuators)
     finally:
         scene.close()
 
@@ -194,7 +203,7 @@ def _inspect_stage(path: Path) -> Iterator[_Inspection]:
         warnings.simplefilter("ignore")  # the report has the rows that it would show
         scene = InteractiveScene.from_usd(path, sim_cfg=SimulationCfg(gravity=None, device="cpu"))
     try:
-        yield _Inspection({}, [report], SceneRenderer(scene.sim, ViewerCfg()).render(), scene)
+        yield _Inspection({}, [report], lambda: SceneRenderer(scene.sim, ViewerCfg()).render(), scene)
     finally:
         scene.close()
 
@@ -243,9 +252,13 @@ def _inspect_task(task: str, configs: Configs) -> Iterator[_Inspection]:
             **({} if inner.scene.scenery is None else {"scenery": inner.scene.scenery.describe()}),
             "step": inner.describe(),
         }
-        picture = inner.render()
-        assert picture is not None  # it was built to draw pictures
-        yield _Inspection(facts, _titled(inner.scene.builder.reports), picture, inner)
+
+        def draw() -> np.ndarray:
+            picture = inner.render()
+            assert picture is not None  # it was built to draw pictures
+            return picture
+
+        yield _Inspection(facts, _titled(inner.scene.builder.reports), draw, inner)
     finally:
         env.close()
 

@@ -127,7 +127,7 @@ class _Velocities(Drawn):
     is_on = True
 
     def __init__(self, make: MakeDrawing, name: str, term: Any, robot: Any):
-        super().__init__(make, f"command {name}", term.cfg, 2)
+        super().__init__(make, f"command: {name}", term.cfg, 2)
         self._term, self._robot = term, robot
 
     def update(self, env_ids: Sequence[int], chosen: int) -> None:
@@ -152,7 +152,7 @@ class _Poses(Drawn):
     is_on = True
 
     def __init__(self, make: MakeDrawing, name: str, term: Any, robot: Any):
-        super().__init__(make, f"command {name}", term.cfg)
+        super().__init__(make, f"command: {name}", term.cfg)
         self._term, self._robot = term, robot
 
     def update(self, env_ids: Sequence[int], chosen: int) -> None:
@@ -168,7 +168,7 @@ class _Places(Drawn):
     is_on = True
 
     def __init__(self, make: MakeDrawing, name: str, term: Any):
-        super().__init__(make, f"command {name}", term.cfg)
+        super().__init__(make, f"command: {name}", term.cfg)
         self._term = term
 
     def update(self, env_ids: Sequence[int], chosen: int) -> None:
@@ -183,7 +183,7 @@ class _Motion(Drawn):
     """Frames of the bodies in the recorded motion."""
 
     def __init__(self, make: MakeDrawing, name: str, term: Any, env: Any):
-        super().__init__(make, f"command {name}", term.cfg)
+        super().__init__(make, f"command: {name}", term.cfg)
         self._term, self._sim = term, env.sim
 
     def update(self, env_ids: Sequence[int], chosen: int) -> None:
@@ -214,7 +214,7 @@ class _Rays(Drawn):
     """Points that the rays hit, and the rays themselves where they come from one point."""
 
     def __init__(self, make: MakeDrawing, name: str, sensor: Any):
-        super().__init__(make, f"rays {name}", getattr(sensor, "cfg", None), 2)
+        super().__init__(make, f"rays: {name}", getattr(sensor, "cfg", None), 2)
         self._data = sensor.data
         # Parallel rays of a grid start far above; their lines would hide everything.
         self._has_lines = not hasattr(getattr(sensor.cfg, "pattern_cfg", None), "size")
@@ -235,7 +235,7 @@ class _Forces(Drawn):
     """Arrows of the contact forces."""
 
     def __init__(self, make: MakeDrawing, name: str, sensor: Any, env: Any):
-        super().__init__(make, f"contact forces {name}", getattr(sensor, "cfg", None))
+        super().__init__(make, f"contact forces: {name}", getattr(sensor, "cfg", None))
         self._data, self._sim = sensor.data, env.sim
         mass = float(np.sum(env.sim.template.body_mass)) or 1.0
         self._scale = _PER_WEIGHT / (mass * _GRAVITY)
@@ -254,7 +254,7 @@ class _Frames(Drawn):
     """Frames of a frame transformer."""
 
     def __init__(self, make: MakeDrawing, name: str, sensor: Any):
-        super().__init__(make, f"frames {name}", getattr(sensor, "cfg", None))
+        super().__init__(make, f"frames: {name}", getattr(sensor, "cfg", None))
         self._data = sensor.data
 
     def update(self, env_ids: Sequence[int], chosen: int) -> None:

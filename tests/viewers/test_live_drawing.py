@@ -32,7 +32,7 @@ def drawn(viewer, name, part=0):
 
 def test_measurements_of_sensors_are_drawn_when_they_are_switched_on(viewer, env):
     viewer._draw()
-    assert drawn(viewer, "rays scan") is None
+    assert drawn(viewer, "rays: scan") is None
     for box in viewer.overlays.boxes.values():
         box.value = True
     viewer.envs.number.value = 1
@@ -41,21 +41,21 @@ def test_measurements_of_sensors_are_drawn_when_they_are_switched_on(viewer, env
     hits = env.scene.sensors["scan"].data.ray_hits_w[1, :3].numpy()
     to_world = viewer.camera.to_world
     np.testing.assert_allclose(
-        to_world(drawn(viewer, "rays scan").points), hits + (0.0, 0.0, 0.012), atol=1e-5
+        to_world(drawn(viewer, "rays: scan").points), hits + (0.0, 0.0, 0.012), atol=1e-5
     )  # without the one that is infinite
-    assert drawn(viewer, "rays scan", 1) is None  # lines of a scan from above would hide everything
-    lines = to_world(drawn(viewer, "rays lidar", 1).points)
+    assert drawn(viewer, "rays: scan", 1) is None  # lines of a scan from above would hide everything
+    lines = to_world(drawn(viewer, "rays: lidar", 1).points)
     np.testing.assert_allclose(lines[:, 0], np.tile((1.0, 1.0, 1.5), (3, 1)), atol=1e-5)
     np.testing.assert_allclose(lines[:, 1], hits, atol=1e-5)
-    start, end = to_world(drawn(viewer, "contact forces feet").points[0])
+    start, end = to_world(drawn(viewer, "contact forces: feet").points[0])
     np.testing.assert_allclose(start, env.box_positions[1], atol=1e-6)
     weight = 9.81 * env.sim.model.body_mass.numpy()[1]
     np.testing.assert_allclose(end - start, (0.0, 0.0, min(1.5, 0.5 * 50.0 / weight)), atol=1e-5)
-    assert drawn(viewer, "frames frames").batched_positions.shape == (2, 3)
-    viewer.overlays.boxes["rays scan"].value = False
+    assert drawn(viewer, "frames: frames").batched_positions.shape == (2, 3)
+    viewer.overlays.boxes["rays: scan"].value = False
     viewer.inbox.run()
     viewer._draw()
-    assert drawn(viewer, "rays scan") is None
+    assert drawn(viewer, "rays: scan") is None
 
 
 def test_a_pose_command_is_drawn_in_the_frame_of_the_robot():
@@ -70,7 +70,7 @@ def test_a_pose_command_is_drawn_in_the_frame_of_the_robot():
     pose.cfg.asset_name = "robot"
     pose.command[:, 0] = 1.0
     with LiveViewer(env, port=18560) as viewer:
-        goals = drawn(viewer, "command pose")
+        goals = drawn(viewer, "command: pose")
         places = viewer.camera.to_world(goals.batched_positions)
         np.testing.assert_allclose(places, [[0.0, 1.0, 0.5], [3.0, 1.0, 0.5]], atol=1e-6)
         np.testing.assert_allclose(goals.batched_wxyzs[0], (np.cos(np.pi / 4), 0.0, 0.0, np.sin(np.pi / 4)), atol=1e-6)

@@ -150,12 +150,12 @@ def test_observations_of_a_long_vector_are_offered_in_pieces():
 
 def test_a_panel_that_fails_is_left_out_and_the_rest_goes_on(viewer, env, capsys):
     env.scene.sensors["scan"].data.ray_hits_w = None
-    viewer.overlays.boxes["rays scan"].value = True
+    viewer.overlays.boxes["rays: scan"].value = True
     for _ in range(2):
         take(viewer, env, 1)
         viewer._draw()
     assert capsys.readouterr().err.count("NoneType") == 1
-    assert viewer.inbox.problems[0].startswith("drawing rays scan: no longer updated: TypeError")
+    assert viewer.inbox.problems[0].startswith("drawing rays: scan: no longer updated: TypeError")
 
 
 class Policies:

@@ -96,7 +96,7 @@ def sensors(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
     """A height scan and contact forces on rough ground."""
     for name, box in show.viewer.overlays.boxes.items():
         box.value = not name.startswith("markers")
-    page.wait_for(lambda: page.page.get_by_label("rays height_scanner").is_checked(), "the checkboxes")
+    page.wait_for(lambda: page.page.get_by_label("rays: height_scanner").is_checked(), "the checkboxes")
     page.wait(8.0)
     save("viewer_sensors.jpg")
 

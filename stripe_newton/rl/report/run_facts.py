@@ -45,7 +45,7 @@ def write_system(folder: RunFolder, device: str) -> None:
     for package in _PACKAGES:
         with suppress(importlib.metadata.PackageNotFoundError):
             system[package] = importlib.metadata.version(package)
-    system["started"] = datetime.now().astimezone().isoformat(timespec="seconds")
+    system["started"] = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M:%S %Z")
     write_whole(folder.params / _SYSTEM, yaml.safe_dump(system, sort_keys=False))
 
 

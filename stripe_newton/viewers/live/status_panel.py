@@ -104,7 +104,7 @@ class StatusPanel:
         if not getattr(getattr(env, "reward_manager", None), "active_terms", True):
             return rows  # a scene without a task
         reward, total = float(env.reward_buf[env_id]), float(self.meter.running[env_id])
-        rows.append(("reward", f"{reward:.4g} in this step, {total:.4g} in this episode"))
+        rows.append(("reward", f"{reward:.3g} in this step, {total:.3g} in this episode"))
         mean, count = self.meter.mean_return()
         if count:
             rows.append(("return", f"{mean:.4g}, mean of {count} episode{'s'[: count > 1]}"))
