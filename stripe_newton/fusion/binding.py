@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any, Protocol
 
@@ -121,7 +122,15 @@ def _number(binding: TermBinding, name: str, kind: ParameterKind) -> Code:
         if name not in binding.function.defaults:
             raise ArgumentError(f"is missing, '{binding.name}' needs it")
         value = binding.function.defaults[name]
+    elif _has_nan(value) and not _has_nan(binding.function.defaults.get(name)):
+        # Infinity may mean "no bound"; NaN means something only to a function that has it as its default.
+        raise ArgumentError(f"is {value!r}, must not be NaN")
     return binding.context.parameters.add(f"{binding.where}.{name}", value, _SCALARS.get(kind, kind))
+
+
+def _has_nan(value: object) -> bool:
+    items = value if isinstance(value, (tuple, list)) else [value]
+    return any(isinstance(item, float) and math.isnan(item) for item in items)
 
 
 # -- checks

@@ -102,7 +102,8 @@ class TorchPass(NetworkPass):
 
     def forward(self, stored: TensorDict, indices: torch.Tensor) -> torch.Tensor:
         model = self._model
-        obs = TensorDict({group: stored[group][indices] for group in model.obs_groups}, batch_size=[len(indices)])
+        groups = [*model.obs_groups, *getattr(model, "obs_groups_2d", ())]  # also pictures, which rsl_rl keeps apart
+        obs = TensorDict({group: stored[group][indices] for group in groups}, batch_size=[len(indices)])
         # torch's cache of weights in bfloat16 must be off where a graph is recorded.
         with torch.enable_grad(), torch.autocast(indices.device.type, torch.bfloat16, self._bf16, cache_enabled=False):
             self._output = model.mlp(model.get_latent(obs)).float()
