@@ -28,6 +28,8 @@ _RETURNS: dict[str, type] = {
     "modifier": float,
 }
 """Return types, by the kind of term; other kinds return nothing."""
+_WITHOUT_NAN = ("rewards", "terminations", "metrics", "observations")
+"""Managers whose terms compute with their numbers. To events NaN may mean that something stays as it is."""
 _SCALARS = {float: float, wp.float32: float, int: int, wp.int32: int, bool: bool, wp.bool: bool}
 _VECTORS = (wp.vec2, wp.vec3, wp.vec4, wp.quat)
 
@@ -122,15 +124,9 @@ def _number(binding: TermBinding, name: str, kind: ParameterKind) -> Code:
         if name not in binding.function.defaults:
             raise ArgumentError(f"is missing, '{binding.name}' needs it")
         value = binding.function.defaults[name]
-    elif _has_nan(value) and not _has_nan(binding.function.defaults.get(name)):
-        # Infinity may mean "no bound"; NaN means something only to a function that has it as its default.
+    elif isinstance(value, float) and math.isnan(value) and binding.where.partition(".")[0] in _WITHOUT_NAN:
         raise ArgumentError(f"is {value!r}, must not be NaN")
     return binding.context.parameters.add(f"{binding.where}.{name}", value, _SCALARS.get(kind, kind))
-
-
-def _has_nan(value: object) -> bool:
-    items = value if isinstance(value, (tuple, list)) else [value]
-    return any(isinstance(item, float) and math.isnan(item) for item in items)
 
 
 # -- checks
