@@ -14,7 +14,7 @@ from itertools import pairwise
 
 from stripe_newton.configclass import ConfigError, NoConfigClassError
 from stripe_newton.matching import NoMatchError
-from stripe_newton.rl.errors import CheckpointError, DivergedError, ExportError
+from stripe_newton.rl.errors import CheckpointError, DivergedError, ExportError, RanksError
 from stripe_newton.threads import watch_cores
 
 from .end_signals import end_on_signals
@@ -50,6 +50,7 @@ _SIMULATES = ("train", "play", "eval", "demo", "bench")
 
 USER_ERRORS = (
     UserError, ConfigError, NoConfigClassError, NoMatchError, CheckpointError, DivergedError, ExportError,
+    RanksError,
 )  # fmt: skip
 """Errors that the user can fix: shown as one message without a traceback."""
 
@@ -69,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Until the environment is built (`make_env`): collections double the time of the imports. Not where Python
         # code calls this function, whose process goes on.
         gc.disable()
+        _open_closed_streams()
         end_on_signals()
         watch_cores()
         # Before torch is loaded: by default its threads on the CPU wait for each other by spinning. Where others use
@@ -91,6 +93,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
     except SystemExit as stop:  # of tyro: 0 after --help, 2 after a wrong option, which it has explained
         return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+
+
+def _open_closed_streams() -> None:
+    """Open the standard streams that are closed, as by ``>&-``: the next file would get their number, and the output of
+    libraries."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(number)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115  (until the process ends)
 
 
 def _is_user_error(error: Exception) -> bool:

@@ -8,7 +8,12 @@ import signal
 import sys
 import types
 
-__all__ = ["end_on_signals"]
+__all__ = ["end_on_signals", "is_one_of_several"]
+
+
+def is_one_of_several() -> bool:
+    """Whether this process says that it is a rank of several, before torch is loaded, which checks the numbers."""
+    return os.environ.get("WORLD_SIZE", "").strip() not in ("", "0", "1")
 
 
 def end_on_signals() -> None:
@@ -17,7 +22,7 @@ def end_on_signals() -> None:
     A signal that is ignored stays ignored, as SIGHUP under ``nohup``. So do those of a rank of several: its launcher
     ends it by SIGTERM, at once, since it may wait for a rank that is gone.
     """
-    if int(os.environ.get("WORLD_SIZE") or "1") > 1:
+    if is_one_of_several():
         return
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is signal.SIG_DFL:

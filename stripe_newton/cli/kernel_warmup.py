@@ -23,6 +23,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO
 
+from .end_signals import is_one_of_several
+
 __all__ = ["MODULES", "compile_modules", "start_early", "warm_up"]
 
 MODULES = {
@@ -72,7 +74,7 @@ def start_early(device: str | None) -> None:
     """
     global _early
     # Ranks wait for each other, one of them compiles. On a single core nothing is gained.
-    if int(os.environ.get("WORLD_SIZE") or "1") > 1 or (os.cpu_count() or 1) < 2 or _early is not None:
+    if is_one_of_several() or (os.cpu_count() or 1) < 2 or _early is not None:
         return
     guess = device or ("cuda:0" if Path("/proc/driver/nvidia/version").exists() else "cpu")
     folder = _cache_folder()

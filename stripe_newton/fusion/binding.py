@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any, Protocol
 
@@ -27,6 +28,8 @@ _RETURNS: dict[str, type] = {
     "modifier": float,
 }
 """Return types, by the kind of term; other kinds return nothing."""
+_WITHOUT_NAN = ("rewards", "terminations", "metrics", "observations")
+"""Managers whose terms compute with their numbers. To events NaN may mean that something stays as it is."""
 _SCALARS = {float: float, wp.float32: float, int: int, wp.int32: int, bool: bool, wp.bool: bool}
 _VECTORS = (wp.vec2, wp.vec3, wp.vec4, wp.quat)
 
@@ -121,6 +124,8 @@ def _number(binding: TermBinding, name: str, kind: ParameterKind) -> Code:
         if name not in binding.function.defaults:
             raise ArgumentError(f"is missing, '{binding.name}' needs it")
         value = binding.function.defaults[name]
+    elif isinstance(value, float) and math.isnan(value) and binding.where.partition(".")[0] in _WITHOUT_NAN:
+        raise ArgumentError(f"is {value!r}, must not be NaN")
     return binding.context.parameters.add(f"{binding.where}.{name}", value, _SCALARS.get(kind, kind))
 
 

@@ -142,8 +142,6 @@ class Parameters:
         whole = kind in (int, bool)
         if whole and not all(v % 1 == 0 and abs(v) <= _GREATEST_INT for v in values):
             raise ValueError(f"{path}: is {value!r}, must be a whole number of at most {_GREATEST_INT}")
-        if any(v != v for v in values):  # infinity may mean "no bound", but NaN means nothing
-            raise ValueError(f"{path}: is {value!r}, must not be NaN")
         tensor = wp.to_torch(self.ints if whole else self.floats)
         # Not by float32, which has no integers beyond 2^24 that are not even.
         numbers = [int(v) if whole else float(v) for v in values]

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-__all__ = ["CheckpointError", "CheckpointWriteError", "DivergedError", "ExportError"]
+__all__ = ["CheckpointError", "CheckpointWriteError", "DivergedError", "ExportError", "RanksError"]
 
 
 class CheckpointError(ValueError):
@@ -20,3 +20,7 @@ class DivergedError(RuntimeError):
 
 class ExportError(RuntimeError):
     """A network that cannot be exported, or an exported policy whose actions differ from the network's."""
+
+
+class RanksError(ValueError):
+    """Environment variables of a process among several that contradict each other, or are no numbers."""

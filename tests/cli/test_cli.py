@@ -102,6 +102,23 @@ def test_errors_are_one_message(capsys, args, message):
     assert not Path("logs").exists() or not list(Path("logs").glob("*/*"))
 
 
+@pytest.mark.parametrize(
+    ("size", "said"), [("abc", "WORLD_SIZE is 'abc', must be a whole number"), ("2", "RANK, LOCAL")]
+)
+def test_variables_of_ranks_that_are_wrong(capsys, monkeypatch, size, said):
+    monkeypatch.setenv("WORLD_SIZE", size)
+    assert said in error_of(capsys, "bench", TASK)
+
+
+def test_closed_streams_are_opened_before_any_file():
+    code = (
+        "import sys; from stripe_newton.cli import _open_closed_streams; assert sys.stdout is None; "
+        "_open_closed_streams(); print('lost'); assert open('/dev/null').fileno() > 2"
+    )
+    words = ["sh", "-c", 'exec "$@" >&- <&-', "sh", sys.executable, "-c", code]
+    subprocess.run(words, check=True, env=os.environ | {"PYTHONPATH": PYTHONPATH})
+
+
 @pytest.mark.usefixtures("no_video")
 def test_a_run_of_another_task(capsys):
     run = train("--num-envs", "4", "--max-iterations", "1")

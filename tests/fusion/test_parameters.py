@@ -54,9 +54,6 @@ def test_wrong_parameters():
         parameters["rewards.alive.weight"] = "much"
     with pytest.raises(ValueError, match=r"rewards.alive.bounds: is 1.0, must be 2 numbers"):
         parameters["rewards.alive.bounds"] = 1.0
-    with pytest.raises(ValueError, match=r"rewards.alive.bounds: is \(0.0, nan\), must not be NaN"):
-        parameters["rewards.alive.bounds"] = 0.0, float("nan")
-    parameters["rewards.alive.bounds"] = 0.0, float("inf")
     with pytest.raises(ValueError, match=r"count: is 1.5, must be a whole number"):
         parameters["count"] = 1.5
     for value in (2**31, float("inf"), float("nan")):

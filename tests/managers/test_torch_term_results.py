@@ -4,6 +4,8 @@ path."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import torch
@@ -118,3 +120,13 @@ def test_an_event_returns_nothing():
     assert context.problems == [
         "events.own.func: 'is_alive' returns a value, which is no event: an event returns nothing"
     ]
+
+
+def test_a_parameter_is_nan_only_where_the_default_is():
+    @wp.func
+    def own(env: int, scale: float) -> float:
+        return scale
+
+    context = manager_context(NUM_ENVS, "cartpole")
+    RewardManager({"own": RewardTermCfg(func=own, weight=1.0, params={"scale": math.nan})}, context).compute_items()
+    assert context.problems == ["rewards.own.params.scale: is nan, must not be NaN"]

@@ -20,6 +20,7 @@ from typing import TypeVar
 import torch
 import torch.distributed as dist
 
+from stripe_newton.rl.errors import RanksError
 from stripe_newton.rl.runs.interrupt import leave_terminal
 
 __all__ = [
@@ -68,19 +69,29 @@ def world() -> World:
     """The world that ``torchrun`` or the launcher gives in environment variables; one process alone without them.
 
     Raises:
-        ValueError: if the variables contradict each other.
+        RanksError: if the variables contradict each other, or are no numbers.
     """
-    size = int(os.environ.get("WORLD_SIZE", "1"))
+    size = _variable("WORLD_SIZE", "1")
     if size == 1:
         return World()
     needed = ["RANK", "LOCAL_RANK"] + ([] if LAUNCHER in os.environ else ["MASTER_ADDR", "MASTER_PORT"])
     missing = [name for name in needed if name not in os.environ]
     if missing:
-        raise ValueError(f"WORLD_SIZE is {size}, but {', '.join(missing)} not set: start the processes with torchrun")
-    one = World(int(os.environ["RANK"]), int(os.environ["LOCAL_RANK"]), size)
+        raise RanksError(f"WORLD_SIZE is {size}, but {', '.join(missing)} not set: start the processes with torchrun")
+    one = World(_variable("RANK"), _variable("LOCAL_RANK"), size)
     if not 0 <= one.rank < size or not 0 <= one.local_rank < size:
-        raise ValueError(f"RANK {one.rank} and LOCAL_RANK {one.local_rank} must be below WORLD_SIZE {size}")
+        raise RanksError(f"RANK {one.rank} and LOCAL_RANK {one.local_rank} must be below WORLD_SIZE {size}")
     return one
+
+
+def _variable(name: str, default: str = "") -> int:
+    """A number that is given by an environment variable."""
+    text = os.environ.get(name, default)
+    try:
+        return int(text)
+    except ValueError:
+        must = "must be a whole number, as torchrun sets it; a process alone has none"
+        raise RanksError(f"the environment variable {name} is {text!r}, {must}") from None
 
 
 def rank_device(requested: str | None, configured: str | None) -> str:

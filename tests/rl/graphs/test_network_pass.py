@@ -80,6 +80,17 @@ def test_other_networks_run_by_autograd(activation):
         torch.testing.assert_close(found[name], value, msg=lambda m, n=name: f"{n}: {m}")
 
 
+@pytest.mark.parametrize("groups", [["picture"], ["a", "picture"]], ids=str)
+def test_networks_of_pictures_get_their_pictures(groups):
+    """rsl_rl keeps the groups of pictures apart from those that are vectors."""
+    torch.manual_seed(3)
+    obs = TensorDict({"a": torch.randn(9, 5), "picture": torch.rand(9, 1, 12, 12)}, batch_size=[9])
+    cnn = {"output_channels": (4,), "kernel_size": 3, "stride": 2}
+    network = CNNModel(obs, {"actor": groups}, "actor", 4, (8,), cnn_cfg=cnn)
+    ours, rows = network_pass(network), torch.arange(9).flip(0)
+    torch.testing.assert_close(ours.forward(obs, rows), network(obs[rows]).detach())
+
+
 @pytest.mark.parametrize("kind", [torch.float32, torch.bfloat16], ids=str)
 def test_the_kernel_of_the_elu_is_torchs(kind):
     torch.manual_seed(5)

@@ -118,7 +118,7 @@ SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 def processes(rng: random.Random, count: int) -> Iterator[Case]:
     """Commands in processes of their own: environment variables, standard output, and signals at any moment."""
     for _ in range(count):
-        argv = rng.choice((TRAIN, TRAIN, EVAL, BENCH, ["list"], ["compare", "run"]))
+        argv = rng.choice((TRAIN, TRAIN, EVAL, BENCH, ["list"], ["compare", "run", "--metric", "Loss/value"]))
         kind = rng.choice(("environment", "output", "signal"))
         data: dict[str, Any] = {"argv": argv, "files": [RUN]}
         if kind == "environment":
