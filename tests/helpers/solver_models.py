@@ -6,8 +6,9 @@ from __future__ import annotations
 import mujoco
 import newton
 import numpy as np
+import pytest
 
-from stripe_newton.solvers import SolverFused
+from stripe_newton.solvers import SolverFused, contact_pairs
 
 ROOM = {"njmax": 60, "nconmax": 20, "kinematic_switchable_roots": False}
 """Arguments of a solver for these worlds."""
@@ -84,6 +85,12 @@ def replicated(bodies: str, num_worlds: int) -> newton.Model:
     SolverFused.register_custom_attributes(builder)
     builder.replicate(one, num_worlds)
     return builder.finalize(device="cpu")
+
+
+def leave_curved_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave pairs of cylinders and ellipsoids to MuJoCo Warp's collision detection, as others that have no routine."""
+    kinds = {key: kind for key, kind in contact_pairs.KINDS.items() if not contact_pairs.is_curved(kind)}
+    monkeypatch.setattr(contact_pairs, "KINDS", kinds)
 
 
 def tower_and_ball(top: str, num_worlds: int) -> newton.Model:

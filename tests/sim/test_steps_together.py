@@ -19,6 +19,7 @@ from stripe_newton.solvers.step_kernel import StepKernel
 from stripe_newton.solvers.support import why_slower
 from tests.helpers.actuator_world import Drill, actuator_scene
 from tests.helpers.small_scenes import make_scene, mjcf_robot, sim_cfg
+from tests.helpers.solver_models import leave_curved_pairs
 
 STEPS = 4
 """Physics steps of a step."""
@@ -128,8 +129,9 @@ def swing(scene: InteractiveScene) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("geom", ["", "<geom type='ellipsoid' size='.2 .3 .25'/>"], ids=["one", "each"])
-def test_wrenches_limits_and_torques_of_balls_act_in_each_physics_step(tmp_path, launch_each_step, geom):
+def test_wrenches_limits_and_torques_of_balls_act_in_each_physics_step(tmp_path, launch_each_step, geom, monkeypatch):
     """Also where MuJoCo Warp's collision detection makes a launch of each physics step."""
+    leave_curved_pairs(monkeypatch)
     solver = MuJoCoSolverCfg(njmax=60, nconmax=12) if geom else MuJoCoSolverCfg(disable_contacts=True)
     scene = acrobat(tmp_path, solver, geom)
     found = swing(scene)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from stripe_newton.solvers import SolverFused, contact_pairs, why_unsupported
+from stripe_newton.solvers import SolverFused, why_unsupported
 from tests.helpers.fused_step import compare
 from tests.helpers.robot_files import robot_file
 from tests.helpers.solver_models import (
@@ -20,6 +20,7 @@ from tests.helpers.solver_models import (
     TREE,
     boxes,
     chain,
+    leave_curved_pairs,
     model_of,
     primitives,
     replicated,
@@ -125,8 +126,7 @@ def test_a_newton_solver_with_the_states_of_mujoco_warp():
 def test_contacts_of_the_kernel_and_of_mujoco_warp(top, known, how, tolerance, monkeypatch):
     """The kernel takes contacts that it has no routine for from MuJoCo Warp."""
     if not known:
-        kinds = {key: kind for key, kind in contact_pairs.KINDS.items() if "ELLIPSOID" not in kind}
-        monkeypatch.setattr(contact_pairs, "KINDS", kinds)
+        leave_curved_pairs(monkeypatch)
     model, states, forces = tower_and_ball(top, 2), [], []
     for kind in (newton.solvers.SolverMuJoCo, SolverFused):
         solver = kind(model, **ROOM)

@@ -179,6 +179,7 @@ def test_the_saved_file_gives_the_model_of_the_spec(scene, tmp_path):
         for a, b in zip(values, theirs[label], strict=True):
             np.testing.assert_allclose(a, b, atol=1e-6, err_msg=label)
     np.testing.assert_array_equal(built.terrain.ground.heights, opened.terrain.ground.heights)
+    built.sim.solver.fill_contacts()
     built.sim.step(360)
     assert np.isfinite(built["robot"].data.root_pos_w.numpy()).all()
     touched = {s for pair in built.sim.solver.mjw_data.contact.geom.numpy() for s in pair}

@@ -7,12 +7,11 @@ import sys
 from pathlib import Path
 
 from tests.helpers.checkout import TOOLS
+from tests.helpers.solver_models import leave_curved_pairs
 
 sys.path.insert(0, str(TOOLS / "documentation"))
 
 import fallback_table as tool
-
-from stripe_newton.solvers import contact_pairs
 
 LINK = '<body name="{0}" pos="0 0 0.3"><joint name="joint_{0}" axis="0 1 0"/><geom type="{1}" size="0.1 0.1 0.1"/>'
 
@@ -27,8 +26,7 @@ def test_rows_of_robots_and_files(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(tool, "task_ids", list)
     write_file(tmp_path / "links.xml", "sphere")
     write_file(tmp_path / "round.xml", "ellipsoid")
-    kinds = {key: kind for key, kind in contact_pairs.KINDS.items() if "ELLIPSOID" not in kind}
-    monkeypatch.setattr(contact_pairs, "KINDS", kinds)
+    leave_curved_pairs(monkeypatch)
     write_file(tmp_path / "scene.xml", "sphere")
     (tmp_path / "broken.xml").write_text("<mujoco>")
     tool.main(["--files", str(tmp_path), "--only", "cart-pole", ".xml"])
