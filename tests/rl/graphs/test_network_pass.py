@@ -58,14 +58,6 @@ def test_the_gradients_are_those_of_autograd(settings, bf16):
         torch.testing.assert_close(found[name], value, **tolerance, msg=lambda m, n=name: f"{n}: {m}")
 
 
-def test_images_reach_the_network():
-    obs = TensorDict({"a": torch.rand(6, 5), "image": torch.rand(6, 3, 8, 8)}, batch_size=[6])
-    cnn = {"output_channels": [4], "kernel_size": 3, "stride": 2, "activation": "elu"}
-    network = CNNModel(obs, {"actor": ["a", "image"]}, "actor", 2, hidden_dims=(8,), cnn_cfg=cnn)
-    picked = torch.tensor([4, 1])
-    torch.testing.assert_close(network_pass(network).forward(obs, picked), network(obs[picked]).detach())
-
-
 @pytest.mark.parametrize("activation", ["relu", "tanh", "crelu"])
 def test_other_networks_run_by_autograd(activation):
     network, obs = model(activation=activation), observations()
