@@ -270,7 +270,10 @@ def main(words: Sequence[str]) -> None:
 
     end_on_signals()
     with contextlib.suppress(KeyboardInterrupt):
-        CompileLog.install()
+        try:
+            CompileLog.install()
+        except OSError:  # no folder for the kernels: the command says so
+            sys.exit(1)
         if not _is_there(words[1]):  # the command says so
             sys.exit(1)
         warm_up(words[1])

@@ -508,7 +508,8 @@ class DirectRLEnv(RecordingEnv):
                 problems += nested_mismatches(f"observation '{name}'", value, space, self.num_envs)
                 continue
             if not isinstance(value, torch.Tensor):
-                problems.append(f"observation '{name}': is {type(value).__name__}, must be a tensor")
+                hint = ", from _get_states, as state_space is not 0" if name == "critic" else ""
+                problems.append(f"observation '{name}': is {type(value).__name__}, must be a tensor{hint}")
                 continue
             shape = tuple(value.shape[1:])
             field = {"policy": "observation_space", "critic": "state_space"}.get(name, "observation_space")

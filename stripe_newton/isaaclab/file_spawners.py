@@ -27,15 +27,31 @@ _IGNORED = {
     "spatial_tendons_props": "tendons are those of the file",
     "mass_props": "bodies have the masses of the file",
     "collision_props": "colliders are as the file has them",
+    "visual_material": "colours are those of the file",
+    "visual_material_path": "colours are those of the file",
     "joint_drive_props": "give the gains as joint_drive",
 }
 
 
+@configclass
 class _FileFields:
-    """What the spawners of both kinds of files do with fields of Isaac Lab."""
+    """Fields of Isaac Lab that the spawners of both kinds of files have."""
 
-    scale: float | Sequence[float] | None
-    deformable_props: object
+    self_collision: bool = False
+    scale: float | tuple[float, float, float] | None = None
+    link_density: float = 0.0
+    usd_dir: str | None = None
+    usd_file_name: str | None = None
+    force_usd_conversion: bool = False
+    make_instanceable: bool = True
+    fixed_tendons_props: object = None
+    spatial_tendons_props: object = None
+    deformable_props: object = None
+    mass_props: object = None
+    collision_props: object = None
+    joint_drive_props: object = None
+    visual_material: object = None
+    visual_material_path: str = "material"
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from super().problems()  # type: ignore[misc]  # of the native config
@@ -104,31 +120,16 @@ class UrdfConverterCfg:
 
 
 @configclass
-class UrdfFileCfg(_FileFields, WxyzFunc, native.UrdfFileCfg):
+class UrdfFileCfg(_FileFields, WxyzFunc, native.UrdfFileCfg):  # type: ignore[misc]  # `scale` may be three numbers
     """:class:`stripe_newton.sim.UrdfFileCfg` with Isaac Lab's fields and defaults; ``func`` takes (w, x, y, z)."""
 
     func: Spawn = spawn_from_urdf
     merge_fixed_joints: bool = True
-    self_collision: bool = False
-    scale: float | tuple[float, float, float] | None = None  # type: ignore[assignment]
     joint_drive: UrdfConverterCfg.JointDriveCfg | None = None
     collision_from_visuals: bool = False
     collider_type: str = "convex_hull"
     root_link_name: str | None = None
-    link_density: float = 0.0
     convert_mimic_joints_to_normal_joints: bool = False
-    usd_dir: str | None = None
-    usd_file_name: str | None = None
-    force_usd_conversion: bool = False
-    make_instanceable: bool = True
-    fixed_tendons_props: object = None
-    spatial_tendons_props: object = None
-    deformable_props: object = None
-    mass_props: object = None
-    collision_props: object = None
-    joint_drive_props: object = None
-    visual_material: object = None
-    visual_material_path: str = "material"
 
     IGNORED: ClassVar[dict[str, str]] = {
         **native.UrdfFileCfg.IGNORED,
@@ -136,8 +137,6 @@ class UrdfFileCfg(_FileFields, WxyzFunc, native.UrdfFileCfg):
         "collider_type": "meshes collide by their convex hulls",
         "root_link_name": "the root is that of the file",
         "convert_mimic_joints_to_normal_joints": "joints that follow others are coupled",
-        "visual_material": "colours are those of the file",
-        "visual_material_path": "colours are those of the file",
     }
 
     def importer_options(self) -> dict[str, object]:
@@ -149,27 +148,12 @@ class UrdfFileCfg(_FileFields, WxyzFunc, native.UrdfFileCfg):
 
 
 @configclass
-class MjcfFileCfg(_FileFields, WxyzFunc, native.MjcfFileCfg):
+class MjcfFileCfg(_FileFields, WxyzFunc, native.MjcfFileCfg):  # type: ignore[misc]  # `scale` may be three numbers
     """:class:`stripe_newton.sim.MjcfFileCfg` with Isaac Lab's fields and defaults; ``func`` takes (w, x, y, z)."""
 
     func: Spawn = spawn_from_mjcf
-    self_collision: bool = False
-    scale: float | tuple[float, float, float] | None = None  # type: ignore[assignment]
-    link_density: float = 0.0
     import_inertia_tensor: bool = True
     import_sites: bool = True
-    usd_dir: str | None = None
-    usd_file_name: str | None = None
-    force_usd_conversion: bool = False
-    make_instanceable: bool = True
-    fixed_tendons_props: object = None
-    spatial_tendons_props: object = None
-    deformable_props: object = None
-    mass_props: object = None
-    collision_props: object = None
-    joint_drive_props: object = None
-    visual_material: object = None
-    visual_material_path: str = "material"
 
     IGNORED: ClassVar[dict[str, str]] = {
         **native.MjcfFileCfg.IGNORED,
@@ -177,6 +161,4 @@ class MjcfFileCfg(_FileFields, WxyzFunc, native.MjcfFileCfg):
         "import_inertia_tensor": "bodies have the inertias of the file",
         "import_sites": "sites are not bodies",
         "joint_drive_props": "drives are those of the file; give gains by actuators",
-        "visual_material": "colours are those of the file",
-        "visual_material_path": "colours are those of the file",
     }

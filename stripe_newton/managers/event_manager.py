@@ -166,7 +166,8 @@ class EventManager(TermManager[EventTermCfg]):
         def run() -> None:
             env_ids = indices()
             if len(env_ids):
-                call(env_ids)
+                if isinstance(call(env_ids), torch.Tensor):
+                    raise ValueError(f"events.{name}.func: returned a tensor; an event returns nothing")
                 context.config_watch.take()
                 if moves:
                     moved[env_ids] = True

@@ -205,3 +205,24 @@ def _compiled(source: str) -> ctypes.CDLL:
         done = subprocess.run([*command, str(made), "-o", str(target)], capture_output=True, text=True)
         assert done.returncode == 0, done.stderr[:3000]
     return ctypes.CDLL(str(target))
+
+
+def rows_by_thread_and_lanes(solver: SolverFused, lanes: Callable[[int], object]) -> int:
+    """Compute a step of a solver's state by a thread a world and by its :func:`emulate` ``lanes``, which must agree.
+
+    Returns:
+        The number of constraint rows of all worlds.
+    """
+    data, results = solver.mjw_data, []
+    before = {name: getattr(data, name).numpy().copy() for name in ("qpos", "qvel", "qacc_warmstart")}
+    for run in (
+        lambda: solver.fused.launch(solver.launcher.arguments(solver._call), data.nworld, "cpu"),
+        lambda: lanes(1),
+    ):
+        for name, value in before.items():
+            getattr(data, name).assign(value)
+        run()
+        results.append((data.nefc.numpy().copy(), data.qvel.numpy().copy()))
+    np.testing.assert_array_equal(results[0][0], results[1][0])
+    np.testing.assert_allclose(results[0][1], results[1][1], atol=1e-3)
+    return int(results[0][0].sum())

@@ -120,6 +120,11 @@ def test_an_event_returns_nothing():
     assert context.problems == [
         "events.own.func: 'is_alive' returns a value, which is no event: an event returns nothing"
     ]
+    due = manager_context(NUM_ENVS, "cartpole")
+    (event,) = EventManager({"own": EventTermCfg(func=lambda env, ids: ids, mode="startup")}, due).startup_items()
+    assert isinstance(event, Eager)
+    with pytest.raises(ValueError, match=r"^events\.own\.func: returned a tensor; an event returns nothing"):
+        event.function()
 
 
 def test_a_parameter_is_nan_only_where_the_default_is():

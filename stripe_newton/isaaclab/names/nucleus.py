@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nucleus table: robots, props and pointers that stand for assets on NVIDIA's server, or why there is none.
+"""Nucleus table: the robot, prop or pointer that stands for each asset on NVIDIA's server, or the reason for none.
 
 Paths are relative to ``ISAAC_NUCLEUS_DIR``, whose folder ``IsaacLab`` is ``ISAACLAB_NUCLEUS_DIR``. A robot's file from
 elsewhere has other names for its joints and bodies than NVIDIA's: tasks find those of NVIDIA's file, by the tables of

@@ -28,7 +28,7 @@ RIGHT = (
     "lambda env: torch.zeros(4)", "lambda env: torch.zeros(4, dtype=torch.int64)", "lambda env, env_ids: None",
 )  # fmt: skip
 MATCHING = {
-    "rewards.alive": ("mdp.is_alive",),
+    "rewards.alive": ("mdp.is_alive", "mdp.joint_vel_l1"),
     "terminations.time_out": ("mdp.time_out",),
     "observations.policy.pole_pos": ("mdp.joint_pos",),
 }
