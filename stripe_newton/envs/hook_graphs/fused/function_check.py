@@ -44,7 +44,7 @@ _OF_ANY: dict[str, Function] = {
     **{name: _of_two(name) for name in _TWO},
     "clamp": lambda x, y: x.clamp(-0.7, 0.8),
     "rsub": lambda x, y: torch.rsub(x, 3.1),
-    "lerp": lambda x, y: torch.lerp(x, y, 0.3),
+    "lerp": lambda x, y: torch.lerp(x, y, 0.3) + torch.lerp(x, y, 0.8),
     "addcmul": lambda x, y: torch.addcmul(x, y, y, value=0.3),
     "addcdiv": lambda x, y: torch.addcdiv(x, x, y, value=0.3),
 }

@@ -197,7 +197,9 @@ def _pointwise(call: Call, rows: int, sign: str) -> Plan:
     value, common = call.number("value"), _common_type(operands)
 
     def function(s: Source, a: Value, b: Value, c: Value) -> Value:
-        return s.let(a.dtype, f"{a} + {s.literal(value, a.dtype)} * {b} {sign} {c}")
+        factor = s.literal(value, a.dtype)
+        # In one expression, which compilers contract as they contract torch's; the order is that of the device.
+        return s.let(a.dtype, f"{a} + {factor} * ({b} {sign} {c})" if s.cuda else f"{a} + {factor} * {b} {sign} {c}")
 
     return pointwise(call, rows, operands, function, [common] * 3)
 

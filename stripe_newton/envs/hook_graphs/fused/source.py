@@ -105,6 +105,8 @@ class Source:
             return value
         if dtype == torch.bool:
             return self.let(dtype, f"{value} != 0")
+        if dtype == torch.uint8 and value.dtype.is_floating_point:
+            value = self.cast(value, torch.int64)  # as torch does, so that negative numbers wrap on every device
         return self.let(dtype, f"static_cast<{C_TYPES[dtype]}>({value})")
 
     # -- arithmetic, between values of one type
