@@ -26,7 +26,14 @@ def count_masked(mask: wp.array[wp.bool], counts: wp.array[int]):
 
 
 @wp.kernel(enable_backward=False)
-def list_masked_first(mask: wp.array[wp.bool], counts: wp.array[int], order: wp.array[wp.int64], count: wp.array[int]):
+def list_masked_first(
+    mask: wp.array[wp.bool],
+    counts: wp.array[int],
+    order: wp.array[wp.int64],
+    count: wp.array[int],
+    lists: wp.array[int],
+    report: wp.array[wp.int64],
+):
     """List the environments in a mask, in ascending order, and behind them all others.
 
     No atomics: an order that varies would give other random numbers to an environment in each run.
@@ -36,6 +43,9 @@ def list_masked_first(mask: wp.array[wp.bool], counts: wp.array[int], order: wp.
         counts: Of :func:`count_masked`.
         order: Output, the list, shape ``(num_envs,)``.
         count: Output, number of environments in the mask, shape ``(1,)``.
+        lists: How often the list was made, one more from launch to launch, shape ``(1,)``.
+        report: Output for the host, which waits for it: the number of environments in the mask in the lower half, and
+            ``lists`` above it, shape ``(1,)``.
     """
     env = wp.tid()
     block = env // BLOCK
@@ -52,6 +62,8 @@ def list_masked_first(mask: wp.array[wp.bool], counts: wp.array[int], order: wp.
     order[place] = wp.int64(env)
     if env == 0:
         count[0] = total
+        lists[0] += 1
+        report[0] = (wp.int64(lists[0]) << wp.int64(32)) + wp.int64(total)
 
 
 @wp.func_native("""

@@ -12,9 +12,12 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import torch
 import warp as wp
+
+from stripe_newton.sim.reset_mask import ResetMask
 
 __all__ = ["calls_in_trace", "count_calls", "warp_calls", "warp_waits"]
 
@@ -136,7 +139,14 @@ def warp_calls() -> Iterator[Counter[str]]:
     def count(kind: str) -> None:
         counts[kind] += 1
 
-    with _on_warp_calls(_WARP, count):
+    # The host waits for the number of resets by looking at its memory, which is no call of any library.
+    wait = ResetMask.wait
+
+    def counted(mask: ResetMask) -> None:
+        count("host_syncs")
+        wait(mask)
+
+    with _on_warp_calls(_WARP, count), mock.patch.object(ResetMask, "wait", counted):
         yield counts
 
 

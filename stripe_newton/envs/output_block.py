@@ -25,6 +25,7 @@ class OutputBlock:
         self._chunks: list[torch.Tensor] = []
         self._used: list[int] = []
         self._layout: dict[str, tuple[int, int, torch.dtype, tuple[int, ...]]] = {}
+        self._prepared: tuple[list[torch.Tensor], dict[str, torch.Tensor]] | None = None
 
     def reserve(self, name: str, dtype: type, shape: tuple[int, ...]) -> wp.array:
         """An array of zeros in the block.
@@ -36,6 +37,7 @@ class OutputBlock:
         """
         kind = _TORCH[dtype]
         size = kind.itemsize * int(torch.Size(shape).numel())
+        self._prepared = None
         if not self._chunks or self._used[-1] + size > self._chunks[-1].numel():
             with torch.inference_mode(False):  # an inference tensor could not be written outside of inference mode
                 self._chunks.append(torch.zeros(max(self._capacity, size), dtype=torch.uint8, device=self._device))
@@ -64,7 +66,19 @@ class OutputBlock:
         """The arrays themselves as tensors, by name. Every step overwrites them."""
         return {name: self._view(self._chunks[entry[0]], name) for name, entry in self._layout.items()}
 
+    def prepare(self) -> None:
+        """Allocate the tensors of the next :meth:`take` now, while the host would wait for the device anyway."""
+        used = [chunk[: min(n, chunk.numel())] for chunk, n in zip(self._chunks, self._used, strict=True)]
+        fresh = [torch.empty_like(chunk) for chunk in used]
+        self._prepared = fresh, {name: self._view(fresh[entry[0]], name) for name, entry in self._layout.items()}
+
     def take(self) -> dict[str, torch.Tensor]:
         """Copies of the arrays by name. The tensors of one call share one block of memory, and with nothing else."""
-        fresh = [chunk[: min(n, chunk.numel())].clone() for chunk, n in zip(self._chunks, self._used, strict=True)]
-        return {name: self._view(fresh[entry[0]], name) for name, entry in self._layout.items()}
+        if self._prepared is None:
+            self.prepare()
+        assert self._prepared is not None
+        fresh, values = self._prepared
+        self._prepared = None
+        for copy, chunk in zip(fresh, self._chunks, strict=True):
+            copy.copy_(chunk[: copy.numel()])
+        return values

@@ -105,7 +105,9 @@ class RecordingEnv(DirectEnvBase):
     def _torch_reset(self) -> None:
         if self._recorder is None:
             super()._torch_reset()
-        elif self.context.reset_mask.number:
+            return
+        self.outputs.prepare()  # before the host waits for the number, as the device has work
+        if self.context.reset_mask.number:
             self._reset_part.run(self.context.reset_mask.number)
 
     def _reset_listed(self) -> None:

@@ -9,12 +9,11 @@ again. The copies are recorded with the hook. This is how a loop carries state f
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Collection, Iterable, Mapping
 
 import torch
 
-from .reachable import Path, Scan, assign, path_name, scan, size_of, storage_of, value_at
+from .reachable import Path, Scan, all_in_place, assign, fast_slot, path_name, scan, size_of, storage_of, value_at
 
 __all__ = ["CarriedState", "NotSteady", "moved_paths"]
 
@@ -92,10 +91,9 @@ class CarriedState:
 
     def _find_holders(self) -> None:
         found = scan(self._env, self._skip)
-        self._holders = [(*found.holders[path], tensor) for path, tensor in self.homes.items()]
-        # Attributes are looked up in the dict of their object, which is several times as fast.
-        self._slots = {path: _slot(*found.holders[path]) for path in self.homes}
-        self._links = [(*_slot(holder, key), value) for holder, key, value in found.links]
+        self._slots = {path: fast_slot(*found.holders[path]) for path in self.homes}
+        self._holders = [(*self._slots[path], home) for path, home in self.homes.items()]
+        self._links = [(*fast_slot(holder, key), value) for holder, key, value in found.links]
         self._sizes = [(container, size_of(container)) for container, _ in found.contents]
 
     def holds(self, tensor: torch.Tensor) -> bool:
@@ -122,11 +120,10 @@ class CarriedState:
 
     def replaced(self) -> str:
         """Name of a tensor that is not at its home, so that code outside the hooks has bound it; empty for none."""
-        for (holder, key, home), path in zip(self._holders, self.homes, strict=True):
-            there = value_at(holder, key)
-            if there is not home:
-                return path_name(path)
-        return ""
+        if all_in_place(self._holders):
+            return ""
+        pairs = zip(self._holders, self.homes, strict=True)
+        return next((path_name(path) for (holder, key, home), path in pairs if value_at(holder, key) is not home), "")
 
     def settle(self) -> set[Path]:
         """Copy tensors that were bound since the last call to their homes, and bind their paths to the homes again.
@@ -172,13 +169,6 @@ class CarriedState:
                 if there[0] != other:
                     names = f"{path_name(path)} and {path_name(there[1])}"
                     raise NotSteady(f"{names} do not always share memory")
-
-
-def _slot(holder: object, key: str | int) -> tuple[object, str | int]:
-    """Where a value is looked up: in the container, or in the dict of an object's attributes."""
-    own = getattr(holder, "__dict__", None)
-    is_attribute = not isinstance(holder, (dict, list, tuple, deque)) and isinstance(own, dict) and key in own
-    return (own if is_attribute else holder), key
 
 
 def _same_memory(a: torch.Tensor, b: torch.Tensor) -> bool:

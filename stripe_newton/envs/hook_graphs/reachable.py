@@ -6,16 +6,29 @@ from __future__ import annotations
 import enum
 import sys
 from collections import deque
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, is_dataclass
-from typing import TypeAlias
+from types import MappingProxyType
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
 
 from stripe_newton.noise import NoiseModel
 
-__all__ = ["NOTHING", "Path", "Scan", "assign", "path_name", "scan", "size_of", "storage_of", "value_at"]
+__all__ = [
+    "NOTHING",
+    "Path",
+    "Scan",
+    "all_in_place",
+    "assign",
+    "fast_slot",
+    "path_name",
+    "scan",
+    "size_of",
+    "storage_of",
+    "value_at",
+]
 
 Path: TypeAlias = "tuple[str | int, ...]"
 """Keys from the environment to a value: names of attributes, keys of dicts, indices of lists."""
@@ -134,8 +147,30 @@ def value_at(holder: object, key: str | int) -> object:
         return NOTHING
 
 
+def fast_slot(holder: object, key: str | int) -> tuple[object, str | int]:
+    """Where a value is looked up fastest: in its container, or in the dict of an object's attributes."""
+    own = getattr(holder, "__dict__", None)
+    is_attribute = not isinstance(holder, (dict, list, tuple, deque)) and isinstance(own, Mapping) and key in own
+    return (own if is_attribute else holder), key
+
+
+def all_in_place(places: Iterable[tuple[Any, Any, object]]) -> bool:
+    """Whether each slot still holds a value: the very object. It runs in every step, so nothing is tried twice.
+
+    Args:
+        places: Container, key and value, of :func:`fast_slot`.
+    """
+    try:
+        for container, key, value in places:
+            if container[key] is not value:
+                return False
+    except (LookupError, TypeError):  # gone, or an object without a dict
+        return all(value_at(container, key) is value for container, key, value in places)
+    return True
+
+
 def _get(holder: object, key: str | int) -> object:
-    if isinstance(holder, dict):  # the most frequent
+    if isinstance(holder, (dict, MappingProxyType)):  # the most frequent; a class has a proxy
         return holder[key]
     if isinstance(holder, (list, tuple, deque)):
         return holder[key]  # type: ignore[index]
