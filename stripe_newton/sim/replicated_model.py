@@ -50,7 +50,7 @@ def finalize_replicated(builder: newton.ModelBuilder, shared: int, device: str |
 
 
 def is_repeated(builder: newton.ModelBuilder, shared: int) -> bool:
-    """Whether all environments of a builder have shapes of the same values, apart from their poses.
+    """Whether all environments of a builder have shapes of the same values, apart from poses and a solver's attributes.
 
     Args:
         builder: The builder.
@@ -67,7 +67,10 @@ def is_repeated(builder: newton.ModelBuilder, shared: int) -> bool:
         rows = [name for name in builder._shape_row_attributes() if name not in _DIFFER]
         if not all(_repeats(getattr(builder, name), shared, of_one, worlds) for name in rows):
             return False
-    return all(_attribute_repeats(builder, key, shared, of_one, worlds) for key in builder.custom_attributes)
+    own = [
+        key for key in builder._custom_attribute_model_finalizers if builder.custom_attributes[key].frequency == _SHAPE
+    ]
+    return not own
 
 
 def _repeats(values: Sequence[object] | np.ndarray, shared: int, of_one: int, worlds: int) -> bool:
@@ -75,18 +78,6 @@ def _repeats(values: Sequence[object] | np.ndarray, shared: int, of_one: int, wo
     if isinstance(values, np.ndarray):
         return bool((values[shared:].reshape(worlds, of_one, -1) == np.asarray(first).reshape(1, of_one, -1)).all())
     return bool(values[shared:] == first * worlds)  # type: ignore[operator]  # they are lists
-
-
-def _attribute_repeats(builder: newton.ModelBuilder, key: str, shared: int, of_one: int, worlds: int) -> bool:
-    """Whether an attribute of MuJoCo's or another solver's is none of shapes, or the same in all environments."""
-    attribute = builder.custom_attributes[key]
-    if attribute.frequency != _SHAPE or not attribute.values:
-        return True
-    if attribute.references is not None or key in builder._custom_attribute_model_finalizers:
-        return False
-    first = {row: value for row, value in attribute.values.items() if shared <= row < shared + of_one}
-    in_all = {row + of_one * world: value for world in range(worlds) for row, value in first.items()}
-    return {row: value for row, value in attribute.values.items() if row >= shared} == in_all
 
 
 @contextlib.contextmanager
@@ -127,10 +118,9 @@ def _grow(model: newton.Model, builder: newton.ModelBuilder, rows: np.ndarray) -
             setattr(model, name, _gather(value, rows))
     for attribute in builder.custom_attributes.values():
         owner = getattr(model, attribute.namespace) if attribute.namespace else model
-        if attribute.frequency == _SHAPE and hasattr(owner, attribute.name) and attribute.namespace:
-            value = getattr(owner, attribute.name)
-            grown = _gather(value, rows) if isinstance(value, wp.array) else [value[row] for row in rows]
-            setattr(owner, attribute.name, grown)
+        if attribute.frequency == _SHAPE and hasattr(owner, attribute.name):
+            # By Newton, as a solver may number what belongs to an environment.
+            setattr(owner, attribute.name, attribute.build_array(len(rows), device=model.device))
     with builder._raw_array_access():
         for name, dtype in _ARRAYS:
             setattr(model, name, wp.array(getattr(builder, name), dtype=dtype, device=model.device))

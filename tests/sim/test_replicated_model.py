@@ -114,11 +114,13 @@ def test_worlds_that_differ_are_left_to_newton(monkeypatch):
     assert is_repeated(builder, 2)
     builder.shape_material_mu[-1] = 0.123
     assert not is_repeated(builder, 2)
-    monkeypatch.setattr(replicated_model, "_grow", None)  # which then is not called
+    monkeypatch.setattr(replicated_model, "_grow", None)  # which is not called then
     assert finalize_replicated(builder, 2, "cpu").shape_material_mu.numpy()[-1] == np.float32(0.123)
 
 
-def test_an_attribute_of_a_solver_that_differs_is_left_to_newton():
+def test_an_attribute_of_a_solver_may_differ():
     builder = worlds()
-    builder.custom_attributes["mujoco:geom_priority"].values[builder.shape_count - 1] = 5
-    assert not is_repeated(builder, 2)
+    priority = builder.custom_attributes["mujoco:geom_priority"].values
+    priority[builder.shape_count - 1] = 5
+    model = finalize_replicated(builder, 2, "cpu")
+    assert model.mujoco.geom_priority.numpy().tolist() == [priority.get(i, 0) for i in range(model.shape_count)]
