@@ -88,10 +88,10 @@ def groups(pointers):
 
 
 @pytest.mark.parametrize("static", [ground, new_builder])
-def test_every_array_is_the_one_that_newton_makes(static):
+def test_every_array_is_the_one_that_newton_makes(static, device):
     shared = static().shape_count
-    ours = contents(finalize_replicated(worlds(static=static()), shared, "cpu"))
-    theirs = contents(worlds(static=static()).finalize(device="cpu"))
+    ours = contents(finalize_replicated(worlds(static=static()), shared, device))
+    theirs = contents(worlds(static=static()).finalize(device=device))
     assert ours.keys() == theirs.keys()
     assert sum(isinstance(value, wp.array) for value in theirs.values()) > 100
     assert groups(ours.pop("shape_source_ptr")) == groups(theirs.pop("shape_source_ptr"))
