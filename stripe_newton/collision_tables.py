@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import newton
 import numpy as np
 import warp as wp
@@ -11,7 +13,11 @@ from newton import GeoType, ShapeFlags
 __all__ = ["finalize_without_tables"]
 
 
-def finalize_without_tables(builder: newton.ModelBuilder, device: str | wp.Device | None) -> newton.Model:
+def finalize_without_tables(
+    builder: newton.ModelBuilder,
+    device: str | wp.Device | None,
+    finalize: Callable[[newton.ModelBuilder], newton.Model] | None = None,
+) -> newton.Model:
     """Make a model without the neighbours of the corners of convex meshes.
 
     Newton finds them for the support map of its own collision detection, a millisecond for each mesh of some dozen
@@ -21,13 +27,14 @@ def finalize_without_tables(builder: newton.ModelBuilder, device: str | wp.Devic
     Args:
         builder: The builder; it stays as it is.
         device: Device of the model.
+        finalize: Makes the model of the builder, on that device; by default ``ModelBuilder.finalize``.
     """
     flags = builder.shape_flags
     kept = np.array(flags, dtype=np.int32)
     convex = np.array(builder.shape_type, dtype=int) == GeoType.CONVEX_MESH
     builder.shape_flags = np.where(convex, kept & ~int(ShapeFlags.COLLIDE_SHAPES), kept).tolist()
     try:
-        model = builder.finalize(device=device)
+        model = finalize(builder) if finalize else builder.finalize(device=device)
     finally:
         builder.shape_flags = flags
     model.shape_flags = wp.array(kept, dtype=wp.int32, device=model.device)

@@ -143,11 +143,17 @@ def _dispatch(args: list[str], is_program: bool = False) -> int:
     if is_program and args[0] in _SIMULATES:
         from .kernel_warmup import start_early  # here, as processes run that module as a program
 
-        start_early(_device_of(args[0], words))
-        from .quick_imports import import_quickly  # likewise
+        start_early(device := _device_of(args[0], words))
+        from .early_libraries import load_early  # likewise
+        from .quick_imports import import_quickly
 
+        load_early(device, words)
         import_quickly()
-    return importlib.import_module(COMMANDS[args[0]][0]).run(words)
+    command = importlib.import_module(COMMANDS[args[0]][0])
+    if is_program:
+        # Modules live as long as the process: neither a collection nor the end of Python has to look at them.
+        gc.freeze()
+    return command.run(words)
 
 
 def _is_text(word: str) -> bool:

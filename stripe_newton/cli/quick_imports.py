@@ -20,9 +20,11 @@ _DYNAMO = "torch._dynamo"
 
 
 def import_quickly() -> None:
-    """Import torch and Warp, and prepare both for quick imports of what builds on them."""
-    defer_dynamo()
+    """Import torch, Warp and Newton, and prepare the first two for quick imports of what builds on them."""
     skip_module_references()
+    import newton  # noqa: F401  (before torch, whose libraries may be loading in a thread, see `early_libraries`)
+
+    defer_dynamo()
 
 
 def defer_dynamo() -> None:

@@ -7,6 +7,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import nullcontext
+from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 import newton
@@ -35,6 +36,7 @@ from .observables import wanted_observables
 from .overflow import SolverOverflow
 from .physics_hook import PhysicsHook
 from .physics_step import PhysicsStep
+from .replicated_model import finalize_replicated
 from .replication import absent_shapes, put_choices, put_unmoved, replicate
 from .reset_mask import ResetMask
 from .solver_cfg import MuJoCoSolverCfg, SolverCfg
@@ -277,7 +279,8 @@ class Simulation:
             builder: The builder of all environments.
             tables: Make what that collision detection wants to know of convex meshes.
         """
-        self.model = builder.finalize(device=self.device) if tables else finalize_without_tables(builder, self.device)
+        finalize = partial(finalize_replicated, shared=self.shared_shape_count, device=self.device)
+        self.model = finalize(builder) if tables else finalize_without_tables(builder, self.device, finalize)
         # The actuators take over the gains first: the solver must be made from those of its own drives alone.
         has_modes = self.cfg.solver.kind == "mujoco"
         self.actuation = Actuation(

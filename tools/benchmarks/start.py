@@ -103,10 +103,12 @@ def train(words: list[str]) -> int:
     gc.disable()
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     from stripe_newton.cli import _device_of, main
+    from stripe_newton.cli.early_libraries import load_early
     from stripe_newton.cli.kernel_warmup import start_early
     from stripe_newton.cli.quick_imports import import_quickly
 
-    start_early(_device_of("train", words))
+    start_early(device := _device_of("train", words))
+    load_early(device, words)
     import_quickly()
     from stripe_newton.cli import train
 

@@ -25,7 +25,7 @@ from tools.pictures.headless_browser import LivePage, open_page
 
 SIZE = 1280, 800
 """Window [px]."""
-BESIDE = ViewerCfg(origin_type="asset_root", asset_name="Robot", eye=(2.6, 1.1, 0.7), lookat=(0.0, 0.0, 0.25), fov=42.0)
+BESIDE = ViewerCfg(origin_type="asset_root", asset_name="Robot", eye=(1.5, 2.3, 0.9), lookat=(0.2, 0.0, 0.3), fov=42.0)
 """A camera beside a robot."""
 
 
@@ -93,7 +93,10 @@ def plots(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
 
 
 def sensors(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
-    """A height scan and contact forces on rough ground."""
+    """A height scan, contact forces and a command on rough ground."""
+    page.click(page.tab("Act"))
+    page.type_number("lin_vel_x", 0.9)
+    page.click(page.tab("View"))
     for name, box in show.viewer.overlays.boxes.items():
         box.value = not name.startswith("markers")
     page.wait_for(lambda: page.page.get_by_label("rays: height_scanner").is_checked(), "the checkboxes")
