@@ -17,7 +17,7 @@ from stripe_newton.matching import NoMatchError
 from stripe_newton.rl.errors import CheckpointError, DivergedError, ExportError, RanksError
 from stripe_newton.threads import watch_cores
 
-from .end_signals import EndedBySignal, end_on_signals, ended_by, leave, leave_signals
+from .end_signals import EndedBySignal, begin, end_on_signals, ended_by, leave, leave_signals
 from .system_errors import system_message
 from .user_error import UserError
 
@@ -133,6 +133,9 @@ def _dispatch(args: list[str], is_program: bool = False) -> int:
         if not _is_text(word):  # a name of a file, which may be any bytes; torch and tensorboard take text alone
             encoding = sys.getfilesystemencoding()
             raise UserError(f"{word!r}: has bytes that are not {encoding}; rename the file or folder")
+        option = word[:-1] if word.endswith("=") else before if not word else ""
+        if option.startswith("--") and "." not in option:  # fields of configs may be empty texts
+            raise UserError(f"{option}: the value is empty; give one, or leave the option out")
     args = use_dialect(args)
     if not args or args[0] in ("-h", "--help"):
         print(_usage())
@@ -157,7 +160,9 @@ def _dispatch(args: list[str], is_program: bool = False) -> int:
         from .quick_imports import import_quickly  # likewise
 
         import_quickly()
-    return importlib.import_module(COMMANDS[args[0]][0]).run(words)
+    run = importlib.import_module(COMMANDS[args[0]][0]).run
+    begin()
+    return run(words)
 
 
 def _is_text(word: str) -> bool:

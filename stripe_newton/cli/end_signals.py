@@ -4,7 +4,7 @@
 Signals are handled as exceptions in the main thread. Three traps of that are avoided:
 
 - An exception in an import becomes another one, or is lost in a library that tries whether a module is there. So it is
-  put off until the import has ended.
+  put off until the import has ended. While the command itself is imported there is nothing to clean up: it ends.
 - An exception while a thread pool starts a thread leaves a thread that Python waits for without end. So an ended
   command cleans up and then leaves without waiting for its threads.
 - Native code that does not return handles no signal. So what has not ended within ``GRACE_S`` is cut off.
@@ -23,17 +23,27 @@ import types
 from collections.abc import Callable
 from typing import NoReturn
 
-__all__ = ["GRACE_S", "EndedBySignal", "end_on_signals", "ended_by", "is_one_of_several", "leave", "leave_signals"]
+__all__ = [
+    "GRACE_S",
+    "EndedBySignal",
+    "begin",
+    "end_on_signals",
+    "ended_by",
+    "is_one_of_several",
+    "leave",
+    "leave_signals",
+]
 
 Handler = Callable[[int, types.FrameType | None], None]
 
 GRACE_S = 10
 """Seconds that an ended command has to clean up. Containers are killed after as long."""
 _ENDS = (signal.SIGTERM, signal.SIGHUP)
-_LONGEST_IMPORT_S = 3.0
-"""Time that a signal is put off for an import [s]."""
+_LONGEST_IMPORT_S = 5.0
+"""Time that a signal is put off for an import [s]. Then the process ends as it is."""
 _POLL_S = 0.02
 
+_has_begun = False
 _ended_by: int | None = None
 _put_off_since: float | None = None
 
@@ -62,6 +72,12 @@ def end_on_signals() -> None:
         signal.signal(signal.SIGINT, _interrupt)
     sys.unraisablehook = _raise_again
     _watch()
+
+
+def begin() -> None:
+    """Tell that the command is imported and begins its work."""
+    global _has_begun
+    _has_begun = True
 
 
 def ended_by() -> int | None:
@@ -107,13 +123,15 @@ def _interrupt(number: int, frame: types.FrameType | None) -> None:
 
 
 def _put_off(handler: Handler, number: int, frame: types.FrameType | None) -> bool:
-    """Call a handler again soon if an import is under way, and return whether it is."""
+    """If an import is under way, call a handler again soon, or end the process. Returns whether it is."""
     global _put_off_since
-    now = time.monotonic()
-    _put_off_since = _put_off_since or now
-    if not _is_importing(frame) or now - _put_off_since > _LONGEST_IMPORT_S:
+    if not _is_importing(frame):
         _put_off_since = None
         return False
+    now = time.monotonic()
+    _put_off_since = _put_off_since or now
+    if not _has_begun or now - _put_off_since > _LONGEST_IMPORT_S:
+        leave(128 + number)
     _call_soon(handler, number)
     return True
 
