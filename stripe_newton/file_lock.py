@@ -110,19 +110,22 @@ class FileLock:
             descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if self._is_file_of(descriptor):
+                    os.ftruncate(descriptor, 0)
+                    os.pwrite(descriptor, _text(Owner.this()), 0)
+                    self._descriptor = descriptor
+                    return None
+                # Its owner has removed it between the two calls: another file has the name now.
             except OSError as error:
-                os.close(descriptor)
                 if error.errno in _NO_LOCKS:
                     return self._mark()
                 if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
                     return Owner.read(self.path)
                 raise
-            if self._is_file_of(descriptor):
-                os.ftruncate(descriptor, 0)
-                os.pwrite(descriptor, _text(Owner.this()), 0)
-                self._descriptor = descriptor
-                return None
-            os.close(descriptor)  # its owner has removed it between the two calls: another file has the name now
+            finally:
+                # Also when a signal ends the process here: a lock that nobody gives back stops its other threads.
+                if self._descriptor != descriptor:
+                    os.close(descriptor)
 
     def _is_file_of(self, descriptor: int) -> bool:
         with contextlib.suppress(FileNotFoundError):

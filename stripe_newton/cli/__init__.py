@@ -17,7 +17,7 @@ from stripe_newton.matching import NoMatchError
 from stripe_newton.rl.errors import CheckpointError, DivergedError, ExportError, RanksError
 from stripe_newton.threads import watch_cores
 
-from .end_signals import end_on_signals
+from .end_signals import EndedBySignal, begin, end_on_signals, ended_by, leave, leave_signals
 from .system_errors import system_message
 from .user_error import UserError
 
@@ -65,8 +65,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit code: 0; 2 for an error that the user can fix, and for one of the system, such as a full disk; 130
         after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP. All other errors are raised.
     """
-    args = list(sys.argv[1:] if argv is None else argv)
-    if argv is None:
+    args, is_program = list(sys.argv[1:] if argv is None else argv), argv is None
+    if is_program:
         # Until the environment is built (`make_env`): collections double the time of the imports. Not where Python
         # code calls this function, whose process goes on.
         gc.disable()
@@ -77,12 +77,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         # the cores, too, an update of a small network took twenty times as long by that.
         os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
-        return _dispatch(args, is_program=argv is None)
+        return _dispatch(args, is_program)
     except BrokenPipeError:  # the program that read the output, such as head, has ended
         # Python flushes the output once more at its end, which would raise again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
+        if is_program and (number := ended_by()) is not None:  # which a library has made another error of
+            leave(128 + number)
         message = str(error) if _is_user_error(error) else system_message(error)
         if message is None:
             raise
@@ -90,9 +92,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
+        if is_program:
+            leave(130)
         return 130
-    except SystemExit as stop:  # of tyro: 0 after --help, 2 after a wrong option, which it has explained
-        return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+    except SystemExit as stop:  # of a signal; or of tyro: 0 after --help, 2 after a wrong option, which it explained
+        code = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+        if is_program and isinstance(stop, EndedBySignal):
+            leave(code)
+        return code
+    finally:
+        if is_program:
+            leave_signals()
 
 
 def _open_closed_streams() -> None:
@@ -123,6 +133,9 @@ def _dispatch(args: list[str], is_program: bool = False) -> int:
         if not _is_text(word):  # a name of a file, which may be any bytes; torch and tensorboard take text alone
             encoding = sys.getfilesystemencoding()
             raise UserError(f"{word!r}: has bytes that are not {encoding}; rename the file or folder")
+        option = word[:-1] if word.endswith("=") else before if not word else ""
+        if option.startswith("--") and "." not in option:  # fields of configs may be empty texts
+            raise UserError(f"{option}: the value is empty; give one, or leave the option out")
     args = use_dialect(args)
     if not args or args[0] in ("-h", "--help"):
         print(_usage())
@@ -153,6 +166,7 @@ def _dispatch(args: list[str], is_program: bool = False) -> int:
     if is_program:
         # Modules live as long as the process: neither a collection nor the end of Python has to look at them.
         gc.freeze()
+    begin()
     return command.run(words)
 
 

@@ -82,13 +82,19 @@ def _check_named_once(argv: Sequence[str]) -> None:
 
 
 def with_flag_values(command: str, argv: Sequence[str]) -> list[str]:
-    """Arguments in which a flag, such as ``--deterministic``, has a value, as flags have among those of configs."""
+    """Arguments in which a flag, such as ``--deterministic``, has a value, as flags have among those of configs.
+
+    Empty values of fields are joined to their option: tyro takes a lone one for a word that belongs to none.
+    """
     if command not in _OF_TASKS:
         return list(argv)
     flags = {f"--{field.name.replace('_', '-')}" for field in dataclasses.fields(OPTIONS[command]) if _is_flag(field)}
     words: list[str] = []
     for word, following in pairwise([*argv, ""]):
         lacks = word in flags and (not following or following.startswith("--"))
+        if not word and words and words[-1].startswith(("--env.", "--agent.")):
+            words[-1] += "="
+            continue
         words += [word, "True"] if lacks else [word]
     return words
 

@@ -65,11 +65,10 @@ def hold_cache(path: Path, what: str) -> Iterator[None]:
     """
     lock = FileLock(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _wait(lock, what)
-    except OSError:
-        pass
-    try:
+        # Within the `try`, as a signal may end the wait once the lock is held, for which a thread here may wait, too.
+        with contextlib.suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _wait(lock, what)
         yield
     finally:
         lock.release()

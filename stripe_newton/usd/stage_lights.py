@@ -44,7 +44,8 @@ def read_lights(source: str | Path | Usd.Stage, root_path: str = "/") -> list[Li
     to_z_up = Gf.Rotation(Gf.Vec3d(0.0, 0.0, 1.0), 0.0)  # the default constructor leaves it undefined
     if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y:
         to_z_up = Gf.Rotation(Gf.Vec3d(1, 0, 0), 90.0)
-    return [_read_light(prim, to_z_up) for prim in walk(stage, root_path) if _is_rendered(prim) and _is_visible(prim)]
+    lights = [prim for prim in walk(stage, root_path) if _is_rendered(prim) and _is_visible(prim)]
+    return [_read_light(prim, to_z_up) for prim in lights if _is_finite(prim)]
 
 
 def _read_light(prim: Usd.Prim, to_z_up: Gf.Rotation) -> Light:
@@ -57,7 +58,7 @@ def _read_light(prim: Usd.Prim, to_z_up: Gf.Rotation) -> Light:
     return Light(
         kind="dome" if _is_dome(prim) else "distant",
         color=(float(color[0]), float(color[1]), float(color[2])),
-        intensity=float(api.GetIntensityAttr().Get() * 2.0 ** api.GetExposureAttr().Get()),
+        intensity=_intensity(prim),
         # UsdLux: a distant light shines along its prim's -z.
         direction=(float(direction[0]), float(direction[1]), float(direction[2])),
         path=str(prim.GetPath()),
@@ -75,6 +76,8 @@ def ignored_lights(stage: Usd.Stage, root_path: str = "/") -> list[tuple[str, st
             rows.append((path, what, "only dome and distant lights are rendered"))
         elif not _is_visible(prim):
             rows.append((path, what, "invisible"))
+        elif not _is_finite(prim):
+            rows.append((path, what, "intensity and exposure give no finite brightness"))
         elif _is_dome(prim) and prim.GetAttribute("inputs:texture:file").Get():
             rows.append((path, "dome texture", "the dome is rendered in one colour"))
     return rows
@@ -82,6 +85,18 @@ def ignored_lights(stage: Usd.Stage, root_path: str = "/") -> list[tuple[str, st
 
 def _is_rendered(prim: Usd.Prim) -> bool:
     return _is_dome(prim) or prim.IsA(UsdLux.DistantLight)
+
+
+def _intensity(prim: Usd.Prim) -> float:
+    """Brightness of a light with its exposure [nit], which may be infinite or not a number."""
+    api = UsdLux.LightAPI(prim)
+    exposure = float(api.GetExposureAttr().Get())
+    # Within the doublings of a float, beyond which the power itself would be an error.
+    return float(api.GetIntensityAttr().Get()) * 2.0 ** min(exposure, 1000.0)
+
+
+def _is_finite(prim: Usd.Prim) -> bool:
+    return abs(_intensity(prim)) < 1e38  # as the renderer computes in 32 bits
 
 
 def _is_dome(prim: Usd.Prim) -> bool:

@@ -19,6 +19,8 @@ _PORTS = 100
 """Ports that are tried, beginning with the one that was asked for."""
 _TOKEN_IN_PATH = re.compile(rb"[?&]token=([\w-]+)")
 
+_ORIGIN = re.compile(rb"(?im)^origin:.*\r\n")
+
 
 class TokenServer:
     """Listens on an address, and passes connections on to a server on the loopback interface.
@@ -106,7 +108,8 @@ class TokenServer:
         """Send a request to the server, and then whatever both sides send, until one of them ends."""
         server_reader, server_writer = await asyncio.open_connection("127.0.0.1", self._target)
         try:
-            server_writer.write(head)
+            # The cookie has shown whose page it is; the server knows the pages of this machine alone.
+            server_writer.write(_ORIGIN.sub(b"", head))
             ways = [
                 asyncio.ensure_future(_copy(reader, server_writer)),
                 asyncio.ensure_future(_copy(server_reader, writer)),

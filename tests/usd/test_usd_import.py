@@ -377,6 +377,18 @@ def test_lights_are_read_in_the_simulation_frame():
     assert ("/World/bulb", "SphereLight", "only dome and distant lights are rendered") in report.ignored
 
 
+@pytest.mark.parametrize(("intensity", "exposure"), [(1.0, 9e18), (1e10, 127.0), (float("nan"), 0.0)])
+def test_lights_without_a_finite_brightness_are_ignored(intensity, exposure):
+    stage = new_stage()
+    sun = UsdLux.DistantLight.Define(stage, "/World/sun")
+    sun.CreateIntensityAttr(intensity)
+    sun.CreateExposureAttr(exposure)
+    add_body(stage, "/World/a")
+    assert read_lights(stage) == []
+    _, report = load(stage)
+    assert ("/World/sun", "DistantLight", "intensity and exposure give no finite brightness") in report.ignored
+
+
 def test_semantics_old_and_new():
     stage = new_stage()
     body = add_body(stage, "/World/a")

@@ -290,12 +290,15 @@ class Sweep:
         ends = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
         if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # under nohup
             ends.remove(signal.SIGHUP)
+        # The thread that ends a stuck command (`cli.end_signals`) must not cut the runs' saving short.
+        watching = signal.set_wakeup_fd(-1)
         previous = {number: signal.signal(number, handle) for number in ends}
         try:
             yield
         finally:
             for number, handler in previous.items():
                 signal.signal(number, handler)
+            signal.set_wakeup_fd(watching)
 
 
 def _suggest(trial: optuna.Trial, name: str, space: Space) -> Scalar:

@@ -47,6 +47,8 @@ def on_first_signal(
             signal.signal(signal.SIGHUP, signal.SIG_IGN)
         call(signal.Signals(number))
 
+    # The thread that ends a stuck command (`cli.end_signals`) must not cut the iteration short.
+    watching = signal.set_wakeup_fd(-1)
     for number in previous:
         signal.signal(number, handle)
     try:
@@ -54,6 +56,7 @@ def on_first_signal(
     finally:
         for number, before in previous.items():
             signal.signal(number, before)
+        signal.set_wakeup_fd(watching)
 
 
 def leave_terminal() -> None:

@@ -164,7 +164,9 @@ class RslRlVecEnvWrapper(VecEnv):
             raise ValueError(f"{type(env).__name__} keeps no state")
         sizes = {len(value) for value in state["obs"].values()}
         if sizes != {self.num_envs}:
-            raise ValueError(f"the state is of {sizes.pop()} environments, there are {self.num_envs} here")
+            count = sizes.pop()
+            here = f"there are {self.num_envs} here: scene.num_envs must be {count}"
+            raise ValueError(f"the state is of {count} environments, {here}")
         env.set_state(state["env"])
         self.set_observations({name: value.to(self.device) for name, value in state["obs"].items()})
 

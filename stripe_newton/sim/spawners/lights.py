@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from pxr import Gf, Usd, UsdLux
 
 from stripe_newton.configclass import configclass
 from stripe_newton.sim.scene_context import authored_path, current_stage
-from stripe_newton.value_types import NonNegativeFloat, PositiveFloat
+from stripe_newton.value_types import NonNegativeFloat, PositiveFloat, Range
 
 from .spawner_cfg import Orientation, SpawnerCfg, Translation, finish, place
 
@@ -61,7 +61,7 @@ class LightCfg(SpawnerCfg):
     """Linear RGB."""
     intensity: NonNegativeFloat = 1.0
     """Brightness [nit]."""
-    exposure: float = 0.0
+    exposure: Annotated[float, Range(at_least=-64.0, at_most=64.0)] = 0.0
     """Doublings of the brightness."""
     normalize: bool = False
     """Divide the power by the size of the light."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import io
 import socket
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,6 +27,7 @@ from .env_choice import EnvChoice
 from .inbox import Inbox
 from .joint_panel import JointPanel
 from .live_scene import LiveScene
+from .local_server import LOOPBACK, free_port, quiet, serve
 from .overlays import Overlays
 from .plot_panel import PlotPanel
 from .pushes import Pushes
@@ -41,8 +41,6 @@ if TYPE_CHECKING:
 __all__ = ["LiveViewer"]
 
 _MOST_PORT = 65535
-_LOOPBACK = ("127.0.0.1", "localhost", "::1")
-"""Addresses that only this machine reaches."""
 _MOST_AT_FIRST = 16
 """Environments that are shown unless the caller names others."""
 
@@ -109,7 +107,7 @@ class LiveViewer:
         self._interval, self._next_look = 1.0 / fps, 0.0
         self._outside: TokenServer | None = None
         # The port that was asked for is the token server's, where there is one.
-        self._server = _serve(port if host in _LOOPBACK else _free_port(), title or "stripe-newton")
+        self._server = serve(port if host in LOOPBACK else free_port(), title or "stripe-newton")
         try:
             self._step_dt = step_dt or (1.0 / 60.0 if self._env is None else self._env.step_dt)
             self._build([int(i) for i in shown], title, reset, is_paced, checkpoints)
@@ -178,8 +176,8 @@ class LiveViewer:
 
     def _listen(self, host: str, port: int) -> str:
         """The address for browsers, after opening it to other machines if ``host`` says so."""
-        own = f"http://{_LOOPBACK[1]}:{self.server.get_port()}"
-        if host in _LOOPBACK:
+        own = f"http://{LOOPBACK[1]}:{self.server.get_port()}"
+        if host in LOOPBACK:
             return own
         self._outside = TokenServer(host, port, self.server.get_port())
         name = socket.gethostname() if host in ("", "0.0.0.0", "::") else host
@@ -292,7 +290,7 @@ class LiveViewer:
             self._outside = None
         if self._server is not None:
             server, self._server = self._server, None
-            with _quiet():
+            with quiet():
                 server.stop()
 
     def __enter__(self) -> LiveViewer:
@@ -397,23 +395,3 @@ class LiveViewer:
             for client in self.server.get_clients().values():
                 with contextlib.suppress(OSError, RuntimeError):  # of a browser that has just gone
                     client.add_notification("This did not work", problem, color="red")
-
-
-def _serve(port: int, label: str) -> viser.ViserServer | None:
-    """The web server, on the loopback interface: viser knows no tokens, and waits without end for a wrong host."""
-    import viser  # an optional dependency
-
-    with _quiet():
-        return viser.ViserServer(host=_LOOPBACK[0], port=port, label=label, verbose=False)
-
-
-def _free_port() -> int:
-    """A port of the loopback interface that nobody uses."""
-    with socket.socket() as probe:
-        probe.bind((_LOOPBACK[0], 0))
-        return int(probe.getsockname()[1])
-
-
-def _quiet() -> contextlib.redirect_stdout[io.StringIO]:
-    """Keeps viser's announcements, which it makes in any case, from the output of a command."""
-    return contextlib.redirect_stdout(io.StringIO())

@@ -28,6 +28,9 @@ def try_process(case: dict[str, Any], folder: str) -> tuple[str, str]:
     how = {"closed": 'exec "$@" >&-', "closed input": 'exec "$@" <&-', "full": 'exec "$@" >/dev/full'}
     if data.get("output") in how:
         command = ["sh", "-c", how[data["output"]], "sh", *command]
+    # The trials themselves may run under nohup, or in the background of a shell.
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with tempfile.TemporaryFile() as errors:
         process = subprocess.Popen(
             command, env=environ, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors
