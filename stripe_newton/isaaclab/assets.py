@@ -26,7 +26,16 @@ from .wrench_composer import AssetWrenches, WrenchComposer
 from .wxyz_config import WxyzOptionalRot
 from .wxyz_data import WxyzData
 
-__all__ = ["Articulation", "ArticulationCfg", "AssetBase", "AssetBaseCfg", "RigidObject", "RigidObjectCfg"]
+__all__ = [
+    "Articulation",
+    "ArticulationCfg",
+    "AssetBase",
+    "AssetBaseCfg",
+    "RigidObject",
+    "RigidObjectCfg",
+    "RigidObjectCollection",
+    "RigidObjectCollectionCfg",
+]
 
 AssetBase = native.AssetBase
 
@@ -147,6 +156,22 @@ class RigidObjectCfg(native.RigidObjectCfg):
 
     class_type: Callable[..., native.AssetBase] | None = RigidObject
     init_state: InitialStateCfg = InitialStateCfg()
+
+
+class RigidObjectCollection(native.RigidObjectCollection):
+    """:class:`stripe_newton.assets.RigidObjectCollection` with quaternions (w, x, y, z)."""
+
+    @cached_property
+    def data(self) -> Any:  # as of the assets: what is converted has no type of its own
+        """State of the objects, quaternions (w, x, y, z)."""
+        return WxyzData(self.native_data)
+
+
+@configclass
+class RigidObjectCollectionCfg(native.RigidObjectCollectionCfg):
+    """:class:`stripe_newton.assets.RigidObjectCollectionCfg` with quaternions (w, x, y, z)."""
+
+    class_type: Callable[..., native.RigidObjectCollection] | None = RigidObjectCollection
 
 
 @configclass
