@@ -49,8 +49,8 @@ class RigidObjectCollectionData:
 
     ``object_NAME`` is the field ``root_NAME`` of each object's :class:`RootData`, or ``body_NAME`` where there is no
     such: ``object_link_pose_w``, ``object_com_vel_w``, ``object_state_w``, ``object_com_acc_w`` and so on. Other fields
-    go by their own names: ``default_mass``, ``projected_gravity_b``, ``heading_w``. The tensors are copies: writing into
-    them does not change the state, use the ``write_object_*_to_sim`` methods.
+    go by their own names: ``default_mass``, ``projected_gravity_b``, ``heading_w``. The tensors are copies: write
+    by the ``write_object_*_to_sim`` methods.
     """
 
     def __init__(self, objects: Mapping[str, RigidObject]):

@@ -183,7 +183,7 @@ class SceneBuilder:
         made: RigidObjectCollection = self._make(cfg)
         for key, one in made.objects.items():
             own = f"{name}_{key}"
-            if own in scene.keys():
+            if own in scene:
                 raise ValueError(f"scene.{name}: its object '{key}' would be '{own}', which the scene has already")
             scene.rigid_objects[own] = one
         scene.rigid_object_collections[name] = made
