@@ -15,6 +15,7 @@ import torch
 
 from stripe_newton import assets as native
 from stripe_newton.assets.asset_base import AssetInitialStateCfg as NativeInitialStateCfg
+from stripe_newton.assets.parent_pose import pose_above
 from stripe_newton.assets.root_writer import EnvIds
 from stripe_newton.configclass import configclass
 
@@ -24,7 +25,7 @@ from .quaternions import pose_to_xyzw
 from .tendon_methods import TendonMethods
 from .wrench_composer import AssetWrenches, WrenchComposer
 from .wxyz_config import WxyzOptionalRot
-from .wxyz_data import WxyzData
+from .wxyz_data import WxyzAssetData, WxyzData
 
 __all__ = [
     "Articulation",
@@ -49,7 +50,8 @@ class _WxyzAsset(native.BoundAsset):
     def data(self) -> Any:  # the type below is of the package: it cannot name what is converted
         """State of the asset, quaternions (w, x, y, z)."""
         if "_wxyz" not in self.__dict__:
-            self._wxyz = WxyzData(self._data)
+            above = pose_above(self._scene.stage, self.path)
+            self._wxyz = WxyzData(self._data) if above is None else WxyzAssetData(self._data, above)
         return self._wxyz
 
     @cached_property
