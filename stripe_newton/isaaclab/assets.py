@@ -7,11 +7,13 @@ the dialect work side by side, and none is converted twice.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import torch
+from pxr import Usd
 
 from stripe_newton import assets as native
 from stripe_newton.assets.asset_base import AssetInitialStateCfg as NativeInitialStateCfg
@@ -36,9 +38,33 @@ __all__ = [
     "RigidObjectCfg",
     "RigidObjectCollection",
     "RigidObjectCollectionCfg",
+    "StaticAsset",
 ]
 
 AssetBase = native.AssetBase
+
+_log = logging.getLogger(__name__)
+
+
+class StaticAsset(native.AssetBase):
+    """A static asset with its prims, as Isaac Sim's view of prims has them."""
+
+    @property
+    def prims(self) -> list[Usd.Prim]:
+        """Its prim on the stage, once. What is changed after the scene is built is not drawn."""
+        if self._scene.built:
+            _say_undrawn(self.path)
+        return [self._scene.stage.GetPrimAtPath(self.path)]
+
+    @property
+    def prim_paths(self) -> list[str]:
+        """Path of its prim."""
+        return [self.path]
+
+
+@cache
+def _say_undrawn(path: str) -> None:
+    _log.warning("'%s': changes of its prim have no effect from now on, the scene is built", path)
 
 
 class _WxyzAsset(native.BoundAsset):
@@ -143,6 +169,7 @@ class AssetBaseCfg(native.AssetBaseCfg):
 
         rot: tuple[float, float, float, float] | None = (1.0, 0.0, 0.0, 0.0)
 
+    class_type: Callable[..., native.AssetBase] | None = StaticAsset
     init_state: InitialStateCfg = InitialStateCfg()
 
 

@@ -60,6 +60,7 @@ def built() -> scene.InteractiveScene:
     made.builder.build_objects({
         "either": either,
         "box": box(ROOT, START),
+        "lamp": assets.AssetBaseCfg(prim_path="/World/lamp", spawn=spawners.DomeLightCfg(intensity=700.0)),
         "native": native,
         "upright": assets.RigidObjectCfg(prim_path="{ENV_REGEX_NS}/Up", spawn=box(ROOT, START).spawn),
     })  # fmt: skip
@@ -241,3 +242,8 @@ def test_a_quaternion_of_another_length_is_scaled():
     cfg = assets.ArticulationCfg.InitialStateCfg(rot=(0.1, 0.0, 0.0, 0.1))
     cfg.validate()
     np.testing.assert_allclose(cfg.rot_xyzw, (0.0, 0.0, 0.5**0.5, 0.5**0.5))
+
+
+def test_static_assets_have_their_prims(built):
+    assert [prim.GetPath().pathString for prim in built["lamp"].prims] == built["lamp"].prim_paths == ["/World/lamp"]
+    assert built["lamp"].prims[0].GetAttribute("inputs:intensity").Get() == 700.0
