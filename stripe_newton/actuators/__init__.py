@@ -11,6 +11,7 @@ from .explicit_actuators import (
 )
 from .network_actuators import ActuatorNetLSTMCfg, ActuatorNetMLPCfg
 from .torch_actuators import JointGroup, TorchActuatorCfg, TorchLaw
+from .torch_targets import TargetLaw, TorchTargetsCfg
 
 __all__ = [
     "ActuatorCfg",
@@ -23,6 +24,8 @@ __all__ = [
     "JointGroup",
     "PIDActuatorCfg",
     "RemotizedPDActuatorCfg",
+    "TargetLaw",
     "TorchActuatorCfg",
     "TorchLaw",
+    "TorchTargetsCfg",
 ]

@@ -18,6 +18,7 @@ from stripe_kernels.episode import seed_streams
 
 from .drive_table import MADE, DriveTable, read_drives
 from .torch_actuators import TorchDrive
+from .torch_targets import ChangedTargets
 
 __all__ = ["Actuation"]
 
@@ -39,6 +40,7 @@ class Actuation:
         explicit: Degrees of freedom of an environment that an explicit actuator drives, bool, shape ``(dofs,)``.
         drives_orientations: Whether an explicit actuator drives a degree of freedom of a free joint or a ball.
         computed_effort: Efforts of the laws in the last physics step, before any limit, shape ``(joint_dof_count,)``.
+        changed_targets: What shows the solver's drives other targets during a physics step.
         rng: Random streams that lags are drawn from, uint32, shape ``(num_envs,)``.
     """
 
@@ -57,6 +59,7 @@ class Actuation:
             ValueError: for actuators that do not fit, or cannot be part of a graph.
         """
         self._model, self._num_envs = model, num_envs
+        self.changed_targets: list[ChangedTargets] = []
         self._dofs = model.joint_dof_count // num_envs
         table = read_drives(model, num_envs)
         self._stepped = [(a, *_states(a)) for a in table.stepped]
@@ -176,6 +179,15 @@ class Actuation:
                 first.assign(second)
         self._launch(drive_joints)
 
+    @contextlib.contextmanager
+    def targets_of_step(self) -> Iterator[None]:
+        """During a physics step: targets as laws in torch change them, where there are such."""
+        for targets in self.changed_targets:
+            targets.change()
+        yield
+        for targets in self.changed_targets:
+            targets.restore()
+
     def reset(self, env_mask: wp.array) -> None:
         """Forget the past of environments and draw new lags; may be captured.
 
@@ -189,6 +201,10 @@ class Actuation:
             count = mask.size // self._num_envs
             wp.launch(repeat_mask, dim=mask.shape, inputs=[env_mask, count], outputs=[mask], device=mask.device)
             state.reset(mask)
+        if self.changed_targets:
+            ids = wp.to_torch(env_mask).nonzero().flatten()
+            for targets in self.changed_targets if len(ids) else ():
+                targets.reset(ids)
 
     def hide_gains(self) -> None:
         """Bring the gains that :meth:`solver_gains` shows up to date."""

@@ -8,6 +8,11 @@ from .dynamics import ArticulationDynamics
 from .fixed_tendons import FixedTendons
 from .layout import Layout, articulation_layouts
 from .rigid_object import RigidObject, RigidObjectCfg
+from .rigid_object_collection import (
+    RigidObjectCollection,
+    RigidObjectCollectionCfg,
+    RigidObjectCollectionData,
+)
 from .robot_library import ROBOT_SOURCES, ROBOTS, RobotNotFoundError, file_spawner, find_robot, robot_cfg
 from .root_data import RootData
 from .terrain_base import TerrainBase, TerrainBaseCfg
@@ -26,6 +31,9 @@ __all__ = [
     "Layout",
     "RigidObject",
     "RigidObjectCfg",
+    "RigidObjectCollection",
+    "RigidObjectCollectionCfg",
+    "RigidObjectCollectionData",
     "RobotNotFoundError",
     "RootData",
     "TerrainBase",

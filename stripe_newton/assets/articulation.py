@@ -100,7 +100,7 @@ class Articulation(BoundAsset):
         """
         cfg = self.cfg
         self.layout = layout = self._find_layout(layouts, cfg.articulation_root_prim_path)
-        layout.place_root(builder, cfg.init_state.pos, cfg.init_state.rot_xyzw)
+        self._place_root(builder)
         problems = [*self._write_joint_state(builder), *self._write_actuators(builder)]
         # Targets begin at the initial state: a drive would otherwise pull to zero before the first action. The zip ends
         # with the shorter range, as a ball joint has more coordinates than degrees of freedom.

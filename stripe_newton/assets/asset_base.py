@@ -11,10 +11,12 @@ import torch
 
 from stripe_newton.configclass import MISSING, ConfigError, configclass
 from stripe_newton.matching import match_names
+from stripe_newton.math import combine_frame_transforms
 from stripe_newton.sim import SpawnerCfg
 from stripe_newton.sim.scene_context import authored_path, current_scene, is_env_path
 
 from .layout import Layout, select_layout
+from .parent_pose import pose_above
 from .root_data import RootData
 from .root_writer import EnvIds, RootWriter
 
@@ -26,7 +28,7 @@ __all__ = ["AssetBase", "AssetBaseCfg", "AssetInitialStateCfg", "BoundAsset"]
 
 @configclass
 class AssetInitialStateCfg:
-    """Pose at the start of an episode, in the environment's frame."""
+    """Pose at the start of an episode, in the frame of the prim above: of the environment, where nothing is between."""
 
     pos: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
     """Position of the root [m]; ``None`` keeps the file's."""
@@ -163,6 +165,17 @@ class BoundAsset(RootWriter, AssetBase):
         if not (self.in_every_env or self._scene.builder.template_root == "/"):
             raise ConfigError([f"{where}: bodies belong in environments, put it below '/World/envs/env_.*'"])
         return select_layout(layouts, self.path, root_path, where)
+
+    def _place_root(self, builder: newton.ModelBuilder) -> None:
+        """Put a free root at the initial pose of the config; a fixed one is where its prim is."""
+        start = self.cfg.init_state
+        pos, rot = start.pos, start.rot_xyzw
+        if pos is not None and rot is not None:
+            above = pose_above(self._scene.stage, self.path)
+            if above is not None:
+                there = combine_frame_transforms(above[:3], above[3:], torch.tensor(pos), torch.tensor(rot))
+                pos, rot = tuple(there[0].tolist()), tuple(there[1].tolist())
+        self.layout.place_root(builder, pos, rot)
 
     def initialize(self, sim: Simulation) -> None:
         self._sim = sim

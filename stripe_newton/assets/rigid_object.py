@@ -60,7 +60,7 @@ class RigidObject(BoundAsset):
             names = ", ".join(self.layout.body_names)
             problem = f"holds {len(self.layout.bodies)} bodies ({names}); use ArticulationCfg"
             raise ConfigError([f"RigidObject '{self.cfg.prim_path}': {problem}"])
-        self.layout.place_root(builder, self.cfg.init_state.pos, self.cfg.init_state.rot_xyzw)
+        self._place_root(builder)
 
     def initialize(self, sim: Simulation) -> None:
         super().initialize(sim)

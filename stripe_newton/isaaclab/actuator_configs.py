@@ -3,16 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import ClassVar
 
 from stripe_newton import actuators as native
-from stripe_newton.actuators import JointGroup, TorchLaw
+from stripe_newton.actuators import JointGroup, TargetLaw, TorchLaw
 from stripe_newton.actuators.torch_actuators import CallsTorchLaw
+from stripe_newton.actuators.torch_targets import ChangesTargets
 from stripe_newton.configclass import configclass
 
 from . import actuators
-from .actuators import ClassLaw
+from .actuators import ClassLaw, ClassTargets
 
 __all__ = [
     "ActuatorNetLSTMCfg",
@@ -82,24 +82,22 @@ class RemotizedPDActuatorCfg(_OwnClass, native.RemotizedPDActuatorCfg):
 
 
 @configclass
-class ImplicitActuatorCfg(native.ImplicitActuatorCfg):
+class ImplicitActuatorCfg(ChangesTargets):
     """:class:`stripe_newton.actuators.ImplicitActuatorCfg`."""
 
     class_type: type | None = actuators.ImplicitActuator
     dynamic_friction: float | dict[str, float] | None = None
     IGNORED: ClassVar[dict[str, str]] = _DYNAMIC
 
-    def problems(self) -> Iterator[tuple[str, str]]:
-        yield from super().problems()
-        if self.class_type not in (None, actuators.ImplicitActuator):
-            name = getattr(self.class_type, "__name__", self.class_type)
-            yield (
-                "class_type",
-                (
-                    f"is {name}, but a drive inside the solver calls no class; derive it from IdealPDActuator, and its "
-                    "config from IdealPDActuatorCfg"
-                ),
-            )
+    def calls_law(self) -> bool:
+        return self.class_type is not None and self.class_type not in _STOCK
+
+    def law_name(self) -> str:
+        return getattr(self.class_type, "__name__", "")
+
+    def make_law_of(self, group: JointGroup) -> TargetLaw:
+        assert self.class_type is not None  # `calls_law` says so
+        return ClassTargets(self, self.class_type, group)
 
 
 @configclass

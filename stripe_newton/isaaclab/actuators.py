@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import torch
 
 from stripe_newton.actuators import ActuatorCfg
+from stripe_newton.actuators.torch_targets import Targets
 from stripe_newton.matching import match_values
 
 from .buffers import DelayBuffer
@@ -137,6 +138,16 @@ class ActuatorBase:
         """Efforts within the limits."""
         return torch.clip(effort, min=-self.effort_limit, max=self.effort_limit)
 
+    def _set_pd_efforts(self, targets: ArticulationActions, pos: torch.Tensor, vel: torch.Tensor) -> None:
+        """Set :attr:`computed_effort` and :attr:`applied_effort` to those of the PD law."""
+        effort = torch.zeros_like(pos) if targets.joint_efforts is None else targets.joint_efforts
+        if targets.joint_positions is not None:
+            effort = effort + self.stiffness * (targets.joint_positions - pos)
+        if targets.joint_velocities is not None:
+            effort = effort + self.damping * (targets.joint_velocities - vel)
+        self.computed_effort = effort
+        self.applied_effort = self._clip_effort(effort)
+
 
 class IdealPDActuator(ActuatorBase):
     """A PD law with limited effort."""
@@ -144,14 +155,7 @@ class IdealPDActuator(ActuatorBase):
     def compute(
         self, control_action: ArticulationActions, joint_pos: torch.Tensor, joint_vel: torch.Tensor
     ) -> ArticulationActions:
-        targets = control_action
-        effort = torch.zeros_like(joint_pos) if targets.joint_efforts is None else targets.joint_efforts
-        if targets.joint_positions is not None:
-            effort = effort + self.stiffness * (targets.joint_positions - joint_pos)
-        if targets.joint_velocities is not None:
-            effort = effort + self.damping * (targets.joint_velocities - joint_vel)
-        self.computed_effort = effort
-        self.applied_effort = self._clip_effort(effort)
+        self._set_pd_efforts(control_action, joint_pos, joint_vel)
         control_action.joint_positions = control_action.joint_velocities = None
         control_action.joint_efforts = self.applied_effort
         return control_action
@@ -237,18 +241,19 @@ class RemotizedPDActuator(DelayedPDActuator):
 
 
 class ImplicitActuator(ActuatorBase):
-    """A drive inside the solver. Classes derived from it are not called."""
+    """A drive inside the solver: :meth:`compute` returns the targets that the drive follows in a physics step."""
 
     is_implicit_model: ClassVar[bool] = True
 
     def compute(
         self, control_action: ArticulationActions, joint_pos: torch.Tensor, joint_vel: torch.Tensor
     ) -> ArticulationActions:
+        self._set_pd_efforts(control_action, joint_pos, joint_vel)
         return control_action
 
 
-class ClassLaw:
-    """A user's actuator class as a law of :class:`stripe_newton.actuators.TorchActuatorCfg`."""
+class _OfGroup:
+    """A user's actuator class, made for a group of joints."""
 
     def __init__(self, cfg: ActuatorCfg, class_type: type[ActuatorBase], group: Any):
         """Make the actuator of a :class:`stripe_newton.actuators.JointGroup`."""
@@ -257,6 +262,34 @@ class ClassLaw:
         self.actuator = class_type(
             cfg, group.names, ids, group.num_envs, group.device, **{name: getattr(group, name) for name in names}
         )
+
+    def reset(self, env_ids: torch.Tensor) -> None:
+        """Pass on the environments whose episode begins."""
+        self.actuator.reset(env_ids)
+
+
+class ClassTargets(_OfGroup):
+    """A user's class of a drive in the solver, as a law of :class:`stripe_newton.actuators.TorchTargetsCfg`."""
+
+    def compute(
+        self,
+        pos_target: torch.Tensor,
+        vel_target: torch.Tensor,
+        effort_target: torch.Tensor,
+        pos: torch.Tensor,
+        vel: torch.Tensor,
+    ) -> Targets:
+        """Targets that the actuator's ``compute`` returns; where it returns none, those that were set."""
+        given = pos_target, vel_target, effort_target
+        action = ArticulationActions(*given, self.actuator.joint_indices)
+        made = self.actuator.compute(action, pos, vel)
+        returned = made.joint_positions, made.joint_velocities, made.joint_efforts
+        first, second, third = (old if new is None else new for new, old in zip(returned, given, strict=True))
+        return first, second, third
+
+
+class ClassLaw(_OfGroup):
+    """A user's actuator class as a law of :class:`stripe_newton.actuators.TorchActuatorCfg`."""
 
     def compute(
         self,
@@ -276,7 +309,3 @@ class ClassLaw:
         if efforts is None:
             raise ValueError(f"{type(self.actuator).__name__}.compute() returned no joint_efforts")
         return efforts
-
-    def reset(self, env_ids: torch.Tensor) -> None:
-        """Pass on the environments whose episode begins."""
-        self.actuator.reset(env_ids)

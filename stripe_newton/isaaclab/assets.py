@@ -7,14 +7,17 @@ the dialect work side by side, and none is converted twice.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import torch
+from pxr import Usd
 
 from stripe_newton import assets as native
 from stripe_newton.assets.asset_base import AssetInitialStateCfg as NativeInitialStateCfg
+from stripe_newton.assets.parent_pose import pose_above
 from stripe_newton.assets.root_writer import EnvIds
 from stripe_newton.configclass import configclass
 
@@ -24,11 +27,44 @@ from .quaternions import pose_to_xyzw
 from .tendon_methods import TendonMethods
 from .wrench_composer import AssetWrenches, WrenchComposer
 from .wxyz_config import WxyzOptionalRot
-from .wxyz_data import WxyzData
+from .wxyz_data import WxyzAssetData, WxyzData
 
-__all__ = ["Articulation", "ArticulationCfg", "AssetBase", "AssetBaseCfg", "RigidObject", "RigidObjectCfg"]
+__all__ = [
+    "Articulation",
+    "ArticulationCfg",
+    "AssetBase",
+    "AssetBaseCfg",
+    "RigidObject",
+    "RigidObjectCfg",
+    "RigidObjectCollection",
+    "RigidObjectCollectionCfg",
+    "StaticAsset",
+]
 
 AssetBase = native.AssetBase
+
+_log = logging.getLogger(__name__)
+
+
+class StaticAsset(native.AssetBase):
+    """A static asset with its prims, as Isaac Sim's view of prims has them."""
+
+    @property
+    def prims(self) -> list[Usd.Prim]:
+        """Its prim on the stage, once. What is changed after the scene is built is not drawn."""
+        if self._scene.built:
+            _say_undrawn(self.path)
+        return [self._scene.stage.GetPrimAtPath(self.path)]
+
+    @property
+    def prim_paths(self) -> list[str]:
+        """Path of its prim."""
+        return [self.path]
+
+
+@cache
+def _say_undrawn(path: str) -> None:
+    _log.warning("'%s': changes of its prim have no effect from now on, the scene is built", path)
 
 
 class _WxyzAsset(native.BoundAsset):
@@ -40,7 +76,8 @@ class _WxyzAsset(native.BoundAsset):
     def data(self) -> Any:  # the type below is of the package: it cannot name what is converted
         """State of the asset, quaternions (w, x, y, z)."""
         if "_wxyz" not in self.__dict__:
-            self._wxyz = WxyzData(self._data)
+            above = pose_above(self._scene.stage, self.path)
+            self._wxyz = WxyzData(self._data) if above is None else WxyzAssetData(self._data, above)
         return self._wxyz
 
     @cached_property
@@ -132,6 +169,7 @@ class AssetBaseCfg(native.AssetBaseCfg):
 
         rot: tuple[float, float, float, float] | None = (1.0, 0.0, 0.0, 0.0)
 
+    class_type: Callable[..., native.AssetBase] | None = StaticAsset
     init_state: InitialStateCfg = InitialStateCfg()
 
 
@@ -147,6 +185,22 @@ class RigidObjectCfg(native.RigidObjectCfg):
 
     class_type: Callable[..., native.AssetBase] | None = RigidObject
     init_state: InitialStateCfg = InitialStateCfg()
+
+
+class RigidObjectCollection(native.RigidObjectCollection):
+    """:class:`stripe_newton.assets.RigidObjectCollection` with quaternions (w, x, y, z)."""
+
+    @cached_property
+    def data(self) -> Any:  # as of the assets: what is converted has no type of its own
+        """State of the objects, quaternions (w, x, y, z)."""
+        return WxyzData(self.native_data)
+
+
+@configclass
+class RigidObjectCollectionCfg(native.RigidObjectCollectionCfg):
+    """:class:`stripe_newton.assets.RigidObjectCollectionCfg` with quaternions (w, x, y, z)."""
+
+    class_type: Callable[..., native.RigidObjectCollection] | None = RigidObjectCollection
 
 
 @configclass

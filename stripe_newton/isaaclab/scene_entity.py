@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from stripe_newton.assets import RigidObjectCollection
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.fusion import SceneEntityCfg as NativeSceneEntityCfg
 from stripe_newton.fusion.scene_entity import HasNames
@@ -56,3 +57,7 @@ class SceneEntityCfg(NativeSceneEntityCfg):
             ids = self.indices(kind, names)
             setattr(self, f"{kind}_names", [names[i] for i in ids])
             setattr(self, f"{kind}_ids", _ALL if ids == list(range(len(names))) else ids)
+        if isinstance(thing, RigidObjectCollection) and self.object_collection_names is not None:
+            found, chosen = thing.find_objects(self.object_collection_names, self.preserve_order)
+            self.object_collection_names = chosen
+            self.object_collection_ids = _ALL if len(chosen) == thing.num_objects else found.tolist()

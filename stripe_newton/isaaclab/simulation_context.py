@@ -92,7 +92,7 @@ class SimulationContext(Simulation):
         before = self.scene
         if before is not None:
             scene.assets[:0] = before.assets
-            for name in ("articulations", "rigid_objects", "sensors", "extras"):
+            for name in ("articulations", "rigid_objects", "rigid_object_collections", "sensors", "extras"):
                 setattr(scene, name, getattr(before, name) | getattr(scene, name))
         self.scene = scene
         begin_authoring(scene)

@@ -11,7 +11,7 @@ import warp as wp
 
 from stripe_kernels.data import EpisodeData, Parameter
 from stripe_kernels.episode import seed_streams
-from stripe_newton.assets.asset_base import BoundAsset
+from stripe_newton.assets import BoundAsset, RigidObjectCollection
 from stripe_newton.assets.term_structs import register_asset_structs
 from stripe_newton.fusion import (
     Code,
@@ -280,20 +280,20 @@ class ManagerContext:
         """Names of the articulations and rigid objects of the scene."""
         return [*self.scene.articulations, *self.scene.rigid_objects]
 
-    def entity(self, name: str) -> BoundAsset | SensorBase:
-        """An articulation, rigid object or sensor by name.
+    def entity(self, name: str) -> BoundAsset | RigidObjectCollection | SensorBase:
+        """An articulation, rigid object, collection of rigid objects or sensor by name.
 
         Raises:
             KeyError: if there is none; the message lists those that exist.
         """
         scene = self.scene
-        families: tuple[Mapping[str, BoundAsset | SensorBase], ...] = (
-            scene.articulations, scene.rigid_objects, scene.sensors,
+        families: tuple[Mapping[str, BoundAsset | RigidObjectCollection | SensorBase], ...] = (
+            scene.articulations, scene.rigid_objects, scene.rigid_object_collections, scene.sensors,
         )  # fmt: skip
         for family in families:
             if name in family:
                 return family[name]
-        there = ", ".join([*self.entity_names(), *scene.sensors]) or "none"
+        there = ", ".join([*self.entity_names(), *scene.rigid_object_collections, *scene.sensors]) or "none"
         raise KeyError(f"no asset or sensor '{name}' in the scene; it has {there}")
 
     def asset(self, name: str) -> BoundAsset:
@@ -304,7 +304,10 @@ class ManagerContext:
         """
         entity = self.entity(name)
         if not isinstance(entity, BoundAsset):
-            raise KeyError(f"'{name}' is a sensor, must be an articulation or a rigid object")
+            what = "a sensor"
+            if isinstance(entity, RigidObjectCollection):
+                what = f"a collection, of which terms take one object, such as '{name}_{entity.object_names[0]}'"
+            raise KeyError(f"'{name}' is {what}; must be an articulation or a rigid object")
         return entity
 
     def provide(self, struct: StructInstance, name: str, counts: Mapping[str, int] | None = None) -> None:

@@ -19,6 +19,8 @@ from stripe_newton.assets import (
     AssetBaseCfg,
     Layout,
     RigidObject,
+    RigidObjectCollection,
+    RigidObjectCollectionCfg,
     TerrainBase,
     TerrainBaseCfg,
     articulation_layouts,
@@ -123,6 +125,8 @@ class SceneBuilder:
             self.build_robot(name, cfg)
         elif kind == "object":
             self.build_objects({name: cfg})
+        elif kind == "collection":
+            self.build_collection(name, cfg)
         else:
             self.build_sensors({name: cfg})
 
@@ -167,6 +171,24 @@ class SceneBuilder:
                 self._scene.extras[name] = asset
         return made
 
+    def build_collection(self, name: str, cfg: RigidObjectCollectionCfg) -> RigidObjectCollection:
+        """Add a collection of rigid objects; it becomes ``scene.rigid_object_collections[name]``.
+
+        Each of its objects becomes ``scene.rigid_objects["NAME_KEY"]``.
+
+        Raises:
+            ValueError: if something in the scene has the name of an object.
+        """
+        scene = self._scene
+        made: RigidObjectCollection = self._make(cfg)
+        for key, one in made.objects.items():
+            own = f"{name}_{key}"
+            if own in scene:
+                raise ValueError(f"scene.{name}: its object '{key}' would be '{own}', which the scene has already")
+            scene.rigid_objects[own] = one
+        scene.rigid_object_collections[name] = made
+        return made
+
     def build_sensors(self, sensors: Mapping[str, SensorCfg] | None = None) -> dict[str, SensorBase]:
         """Add sensors by name; they become ``scene.sensors``. They bind to the model after the assets.
 
@@ -178,7 +200,7 @@ class SceneBuilder:
         self._scene.sensors.update(made)
         return made
 
-    def _make(self, cfg: AssetBaseCfg | SensorCfg) -> Any:
+    def _make(self, cfg: AssetBaseCfg | RigidObjectCollectionCfg | SensorCfg) -> Any:
         make: Callable[..., Any] = cfg.class_type or AssetBase
         with self._scene.construction():
             return make(cfg)

@@ -90,7 +90,7 @@ class SceneController:
 
         Args:
             env_ids: Environments, default all.
-            to_default: Also write the default state of articulations and rigid objects.
+            to_default: Also write the default state of all assets with bodies.
         """
         scene, sim = self._scene, self._scene.sim
         mask = self.mask(env_ids)
@@ -101,8 +101,10 @@ class SceneController:
         for sensor in scene.sensors.values():
             sensor.reset(ids)
         if to_default:
-            bound: list[BoundAsset] = [*scene.articulations.values(), *scene.rigid_objects.values()]
-            for asset in bound:
+            # Of all assets, also those that a script or an environment keeps to itself, without a name in the scene.
+            for asset in scene.assets:
+                if not isinstance(asset, BoundAsset):
+                    continue
                 rows = asset.env_indices(ids)
                 state = asset.native_data.default_root_state[rows].clone()
                 state[:, :3] += scene.env_origins[rows]

@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 from pxr import Usd
 
-from stripe_newton.assets import Articulation, AssetBase, AssetBaseCfg, RigidObject, TerrainBase
+from stripe_newton.assets import (
+    Articulation,
+    AssetBase,
+    AssetBaseCfg,
+    RigidObject,
+    RigidObjectCollection,
+    TerrainBase,
+)
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.sensors import SensorBase
 from stripe_newton.sim import Simulation
@@ -115,6 +122,8 @@ class SceneContents:
     """Articulations by name."""
     rigid_objects: dict[str, RigidObject]
     """Rigid bodies by name."""
+    rigid_object_collections: dict[str, RigidObjectCollection]
+    """Collections of rigid bodies by name. Those of the config have their bodies in :attr:`rigid_objects`, too."""
     sensors: dict[str, SensorBase]
     """Sensors by name."""
     extras: dict[str, AssetBase]
@@ -134,7 +143,7 @@ class SceneContents:
         self.cfg, self.sim, self.stage = cfg, sim, stage
         self.device = sim.device
         self.assets, self.articulations, self.rigid_objects = [], {}, {}
-        self.sensors, self.extras = {}, {}
+        self.rigid_object_collections, self.sensors, self.extras = {}, {}, {}
         self.terrain, self.scenery = None, None
         # One tensor for life: a terrain writes into it, and kernels read its memory.
         self.env_origins = torch.from_numpy(spiral_grid(cfg.num_envs, cfg.env_spacing)).to(self.device)
@@ -148,7 +157,8 @@ class SceneContents:
     def keys(self) -> list[str]:
         """Names of everything in the scene."""
         terrain = ["terrain"] if self.terrain is not None else []
-        return [*terrain, *self.articulations, *self.rigid_objects, *self.sensors, *self.extras]
+        bodies = [*self.articulations, *self.rigid_objects, *self.rigid_object_collections]
+        return [*terrain, *bodies, *self.sensors, *self.extras]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.keys())
@@ -158,7 +168,8 @@ class SceneContents:
             raise KeyError(f"the scene has names, such as 'robot', not {short(key)}; it has {', '.join(self.keys())}")
         if key == "terrain" and self.terrain is not None:
             return self.terrain
-        for family in (self.articulations, self.rigid_objects, self.sensors, self.extras):
+        bodies = self.articulations, self.rigid_objects, self.rigid_object_collections
+        for family in (*bodies, self.sensors, self.extras):
             if key in family:
                 return family[key]
         raise KeyError(f"no '{key}' in the scene; it has {', '.join(self.keys()) or 'nothing'}")

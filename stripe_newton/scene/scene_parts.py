@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, TypeAlias, TypeVar
 
-from stripe_newton.assets import ArticulationCfg, AssetBaseCfg, TerrainBaseCfg
+from stripe_newton.assets import ArticulationCfg, AssetBaseCfg, RigidObjectCollectionCfg, TerrainBaseCfg
 from stripe_newton.configclass import MISSING, Config
 from stripe_newton.sensors import SensorCfg
 
@@ -41,13 +41,15 @@ def _part_fields(cfg: Config, settings: Iterable[str]) -> list[str]:
 
 
 def part_kind(name: str, cfg: Part) -> str | None:
-    """Kind of a part: ``"terrain"``, ``"robot"``, ``"object"`` or ``"sensor"``; None for what is none of these."""
+    """Kind of a part: ``"terrain"``, ``"robot"``, ``"object"``, ``"collection"`` or ``"sensor"``; None for others."""
     if name == "terrain" or isinstance(cfg, TerrainBaseCfg):
         return "terrain"
     if isinstance(cfg, ArticulationCfg):
         return "robot"
     if isinstance(cfg, AssetBaseCfg):
         return "object"
+    if isinstance(cfg, RigidObjectCollectionCfg):
+        return "collection"
     return "sensor" if isinstance(cfg, SensorCfg) and cfg.class_type is not None else None
 
 
@@ -70,6 +72,10 @@ def with_prim_paths(cfg: AnyConfig, settings: Iterable[str]) -> AnyConfig:
 
 def with_prim_path(name: str, cfg: Part) -> Part:
     """The config of a part; if it names no prim, a copy at ``{ENV_REGEX_NS}/NAME``, with the name in camel case."""
+    if isinstance(cfg, RigidObjectCollectionCfg):
+        members = {} if cfg.rigid_objects is MISSING else cfg.rigid_objects
+        aimed = {key: with_prim_path(f"{name}_{key}", one) for key, one in members.items()}
+        return cfg.replace(rigid_objects=aimed) if any(aimed[k] is not members[k] for k in members) else cfg
     if getattr(cfg, "prim_path", None) is not MISSING:
         return cfg
     camel = "".join(word[:1].upper() + word[1:] for word in re.split(r"\W|_", name))

@@ -66,6 +66,7 @@ class PhysicsStep:
         names = {
             "Newton's collision detection": sim.pipeline is not None,
             f"actuators that Newton steps ({networks})": bool(networks),
+            "laws in torch that change targets": bool(actuation.changed_targets),
             "explicit actuators of free or ball joints": actuation.drives_orientations,
             "explicit actuators": bool(actuation.explicit.any()) and not inside,
             "external wrenches": sim.external_wrench is not None and not inside,
@@ -99,7 +100,8 @@ class PhysicsStep:
             for _ in range(0, substeps, together):
                 if before_each is not None:
                     before_each()
-                self._launch_in_solver(together)
+                with self._sim.actuation.targets_of_step():
+                    self._launch_in_solver(together)
             return
         for index in range(substeps):
             last = index == substeps - 1
@@ -107,8 +109,9 @@ class PhysicsStep:
                 before_each()
             if last:  # accelerations are over the last physics step
                 wp.copy(self._sim.previous_joint_qd, self._state.joint_qd)
-            self._sim.actuation.launch(index, last=last)
-            self.launch_after_actuators()
+            with self._sim.actuation.targets_of_step():
+                self._sim.actuation.launch(index, last=last)
+                self.launch_after_actuators()
             for hook in self._sim.hooks:
                 hook.launch_after_step()
 

@@ -1,123 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms of ``isaaclab.envs.mdp`` beside Isaac Lab's own torch functions, on the same random states.
-
-``applied_torque_limits`` and ``joint_effort_out_of_limit`` are not among them: theirs is the law before the step.
-"""
+"""Terms of ``isaaclab.envs.mdp`` beside Isaac Lab's own torch functions, on the same random states."""
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from stripe_newton.managers import RewardTermCfg
 from tests.helpers.isaaclab_source import isaaclab_source
+from tests.helpers.isaaclab_terms import TERMS, Bench
 from tests.helpers.isaaclab_walker import put, walker_task
 from tests.helpers.small_scenes import numpy
 
 N = 6
-KNEES, SHINS = {"joint_names": ".*_knee"}, {"body_names": ".*_shin"}
-OBSERVATIONS = {
-    "base_pos_z": {},
-    "base_lin_vel": {},
-    "base_ang_vel": {},
-    "projected_gravity": {},
-    "root_pos_w": {},
-    "root_quat_w": {"make_quat_unique": True},
-    "root_lin_vel_w": {},
-    "root_ang_vel_w": {},
-    "body_pose_w": {"asset_cfg": SHINS},
-    "body_projected_gravity_b": {"asset_cfg": SHINS},
-    "joint_pos": {"asset_cfg": KNEES},
-    "joint_pos_rel": {"asset_cfg": KNEES},
-    "joint_pos_limit_normalized": {},
-    "joint_vel": {},
-    "joint_vel_rel": {"asset_cfg": KNEES},
-    "joint_effort": {},
-    "height_scan": {"sensor_cfg": {"name": "scanner"}, "offset": 0.3},
-    "imu_orientation": {"asset_cfg": {"name": "imu"}},
-    "imu_ang_vel": {"asset_cfg": {"name": "imu"}},
-    "imu_lin_acc": {"asset_cfg": {"name": "imu"}},
-    "imu_projected_gravity": {"asset_cfg": {"name": "imu"}},
-    "last_action": {},
-    "generated_commands": {"command_name": "pose"},
-    "current_time_s": {},
-    "remaining_time_s": {},
-}
-REWARDS = {
-    "is_alive": {},
-    "is_terminated": {},
-    "is_terminated_term": {"term_keys": "fell"},
-    "lin_vel_z_l2": {},
-    "ang_vel_xy_l2": {},
-    "flat_orientation_l2": {},
-    "base_height_l2": {"target_height": 0.4},
-    "body_lin_acc_l2": {"asset_cfg": SHINS},
-    "joint_torques_l2": {},
-    "joint_vel_l1": {"asset_cfg": KNEES},
-    "joint_vel_l2": {},
-    "joint_acc_l2": {},
-    "joint_deviation_l1": {"asset_cfg": KNEES},
-    "joint_pos_limits": {},
-    "joint_vel_limits": {"soft_ratio": 0.3},
-    "action_rate_l2": {},
-    "action_l2": {},
-    "undesired_contacts": {"threshold": 5.0, "sensor_cfg": {"name": "contacts", **SHINS}},
-    "desired_contacts": {"sensor_cfg": {"name": "contacts", **SHINS}},
-    "contact_forces": {"threshold": 5.0, "sensor_cfg": {"name": "contacts", **SHINS}},
-    "track_lin_vel_xy_exp": {"std": 0.7, "command_name": "velocity"},
-    "track_ang_vel_z_exp": {"std": 0.7, "command_name": "velocity"},
-}
-TERMINATIONS = {
-    "time_out": {},
-    "command_resample": {"command_name": "velocity"},
-    "bad_orientation": {"limit_angle": 1.0},
-    "root_height_below_minimum": {"minimum_height": 0.1},
-    "joint_pos_out_of_limit": {},
-    "joint_pos_out_of_manual_limit": {"bounds": (-0.5, 0.7)},
-    "joint_vel_out_of_limit": {},
-    "joint_vel_out_of_manual_limit": {"max_velocity": 6.0},
-    "illegal_contact": {"threshold": 2.0, "sensor_cfg": {"name": "contacts", **SHINS}},
-}
-TERMS = {f"{part}.{name}": params for part, every in (
-    ("observations", OBSERVATIONS), ("rewards", REWARDS), ("terminations", TERMINATIONS)
-) for name, params in every.items()}  # fmt: skip
-
-
-class Bench:
-    """The walker's environment, the dialect's terms, and Isaac Lab's files of terms, loaded under the dialect."""
-
-    def __init__(self, task: ModuleType):
-        cfg = task.WalkerEnvCfg()
-        cfg.rewards.shakes = task.RewTerm(func=task.mdp.body_lin_acc_l2, weight=-1e-6)
-        self.env = task.ManagerBasedRLEnv(cfg)
-        self.env.reset(seed=1)
-        self.ours = task.mdp
-        self._entity = task.SceneEntityCfg
-        folder = isaaclab_source() / "isaaclab/isaaclab/envs/mdp"
-        self.theirs = {part: self._load(folder / f"{part}.py") for part in ("observations", "rewards", "terminations")}
-
-    @staticmethod
-    def _load(path: Any) -> ModuleType:
-        spec = importlib.util.spec_from_file_location(f"theirs_{path.stem}", path)
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        return module
-
-    def params(self, given: dict[str, Any]) -> dict[str, Any]:
-        """Parameters with entities that are resolved, as a manager hands them to a torch term."""
-        made = {}
-        for key, value in given.items():
-            if key.endswith("_cfg"):
-                value = self._entity(**{"name": "robot", **value})
-                value.resolve(self.env.scene)
-            made[key] = value
-        return made
 
 
 @pytest.fixture(scope="module")
@@ -143,24 +40,19 @@ def state(request: pytest.FixtureRequest, bench: Bench) -> str:
 
 @pytest.mark.parametrize("term", TERMS)
 def test_a_term_has_the_value_of_isaac_labs_function(bench, state, term):
-    part, name = term.split(".")
-    params = bench.params(TERMS[term])
-    theirs = getattr(bench.theirs[part], name)
-    if isinstance(theirs, type):  # a class term
-        theirs = theirs(RewardTermCfg(func=theirs, weight=1.0, params=params), bench.env)
-    expected = theirs(bench.env, **params)
-    found = getattr(bench.ours, name)(bench.env, **params)
+    expected, found = bench.value_of_isaac_lab(term), bench.value_of(term)
     expected = expected.reshape(found.shape).to(torch.float64)
     scale = float(expected.abs().max())
     np.testing.assert_allclose(numpy(found), numpy(expected), rtol=2e-5, atol=max(2e-5 * scale, 1e-6))
-    again = getattr(bench.ours, name)(bench.env, *params.values())
+    params = bench.params(TERMS[term])
+    again = getattr(bench.ours, term.split(".")[1])(bench.env, *params.values())
     assert torch.equal(found, again)
 
 
 def test_the_states_tell_the_terms_apart(bench, state):
     """Few terms are the same in all environments, where they could be wrong unseen."""
     flat = []
-    for term, given in TERMS.items():
-        value = getattr(bench.ours, term.split(".")[1])(bench.env, **bench.params(given))
+    for term in TERMS:
+        value = bench.value_of(term)
         flat += [term] if torch.equal(value, value[:1].expand_as(value)) else []
     assert len(flat) <= 16, flat

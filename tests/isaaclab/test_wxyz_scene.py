@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from stripe_newton import assets as native_assets
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.isaaclab import assets, scene, sensors, spawners
+from stripe_newton.isaaclab.scene_entity import SceneEntityCfg
 from stripe_newton.scene import InteractiveSceneCfg
 from stripe_newton.sim import MassPropertiesCfg, RigidBodyPropertiesCfg, Simulation
 from tests.helpers.small_scenes import numpy, sim_cfg
@@ -59,6 +60,7 @@ def built() -> scene.InteractiveScene:
     made.builder.build_objects({
         "either": either,
         "box": box(ROOT, START),
+        "lamp": assets.AssetBaseCfg(prim_path="/World/lamp", spawn=spawners.DomeLightCfg(intensity=700.0)),
         "native": native,
         "upright": assets.RigidObjectCfg(prim_path="{ENV_REGEX_NS}/Up", spawn=box(ROOT, START).spawn),
     })  # fmt: skip
@@ -68,6 +70,8 @@ def built() -> scene.InteractiveScene:
         made.rigid_objects["mixed"] = assets.RigidObject(
             box("{ENV_REGEX_NS}/Mixed", START, native_assets.RigidObjectCfg)
         )
+    members = {key: box(f"{{ENV_REGEX_NS}}/{key}", turn) for key, turn in (("Start", START), ("Floor", FLOOR))}
+    made.builder.build_collection("pair", assets.RigidObjectCollectionCfg(rigid_objects=members))
     made.builder.build_sensors({
         "imu": sensors.ImuCfg(prim_path=ROOT, offset=offset),
         "frames": sensors.FrameTransformerCfg(prim_path=ROOT, target_frames=[target]),
@@ -117,6 +121,24 @@ def test_every_tensor_with_an_orientation_is_converted(built):
     assert data.body_names == below.body_names
     state = numpy(data.default_root_state)
     np.testing.assert_allclose(np.abs(state[:, 3:7] @ wxyz(START)), 1.0, atol=1e-6)
+
+
+def test_collections_speak_the_same_order(built):
+    pair = built["pair"]
+    for index, turn in enumerate((START, FLOOR)):
+        same(pair.data.object_link_quat_w[:, index], wxyz(turn))
+        same(pair.data.default_object_state[:, index, 3:7], wxyz(turn))
+    pose = pair.data.object_link_pose_w.clone()
+    pose[:, 1, 3:7] = torch.tensor(wxyz(WRITTEN))
+    pair.write_object_link_pose_to_sim(pose[:, [1]], object_ids=torch.tensor([1]))
+    same(pair.objects["Floor"].native_data.root_quat_w[0], xyzw(WRITTEN[0]))
+    same(pair.objects["Floor"].native_data.root_quat_w[1], xyzw(WRITTEN[1]))
+    same(pair.objects["Start"].native_data.root_quat_w, xyzw(START))
+    with pytest.raises(RuntimeError, match="converted copy"):
+        pair.data.object_pose_w[:, 0] = 0.0
+    entity = SceneEntityCfg("pair", object_collection_names="F.*")
+    entity.resolve(built)
+    assert entity.object_collection_ids == [1]
 
 
 def test_data_that_is_a_copy_refuses_to_be_written(built):
@@ -220,3 +242,8 @@ def test_a_quaternion_of_another_length_is_scaled():
     cfg = assets.ArticulationCfg.InitialStateCfg(rot=(0.1, 0.0, 0.0, 0.1))
     cfg.validate()
     np.testing.assert_allclose(cfg.rot_xyzw, (0.0, 0.0, 0.5**0.5, 0.5**0.5))
+
+
+def test_static_assets_have_their_prims(built):
+    assert [prim.GetPath().pathString for prim in built["lamp"].prims] == built["lamp"].prim_paths == ["/World/lamp"]
+    assert built["lamp"].prims[0].GetAttribute("inputs:intensity").Get() == 700.0

@@ -15,9 +15,11 @@ NAMES: dict[str, Table] = {
     )
     | same("stripe_newton.actuators", "ActuatorBaseCfg=ActuatorCfg"),
     "isaaclab.assets": dialect(
-        "assets", "Articulation ArticulationCfg RigidObject RigidObjectCfg AssetBase AssetBaseCfg"
+        "assets",
+        """Articulation ArticulationCfg RigidObject RigidObjectCfg RigidObjectCollection RigidObjectCollectionCfg
+        AssetBase AssetBaseCfg""",
     )
-    | dialect("wxyz_data", "ArticulationData=WxyzData RigidObjectData=WxyzData")
+    | dialect("wxyz_data", "ArticulationData=WxyzData RigidObjectData=WxyzData RigidObjectCollectionData=WxyzData")
     | refused("deformable bodies are not simulated", "DeformableObject DeformableObjectCfg DeformableObjectData"),
     "isaaclab.controllers": dialect("controllers", "DifferentialIKController OperationalSpaceController")
     | same("stripe_newton.controllers", "DifferentialIKControllerCfg OperationalSpaceControllerCfg"),

@@ -24,8 +24,8 @@ NAMES: dict[str, Table] = {
     ),
     "isaaclab.assets": refused(
         "the dialect does not translate this asset",
-        """ArticulationData DeformableObject DeformableObjectCfg DeformableObjectData RigidObjectCollection
-        RigidObjectCollectionCfg RigidObjectCollectionData RigidObjectData SurfaceGripper SurfaceGripperCfg""",
+        """ArticulationData DeformableObject DeformableObjectCfg DeformableObjectData RigidObjectData SurfaceGripper
+        SurfaceGripperCfg""",
     ),
     "isaaclab.controllers": refused(
         _CONTROLLER,

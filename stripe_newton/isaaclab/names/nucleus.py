@@ -175,7 +175,7 @@ ROBOTS = (
     Robot(
         ("IsaacLab/Robots/Unitree/Go2/go2.usd",),
         "go2",
-        bodies={"base_link": "base"},
+        bodies={"base(_link)?": "base"},
         links=_GO2_FEET,
     ),
     Robot(
