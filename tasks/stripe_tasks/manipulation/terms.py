@@ -19,6 +19,8 @@ __all__ = [
     "drawer_is_open",
     "grasp_handle",
     "hand_at_pose",
+    "held_object_goal_distance",
+    "held_object_is_lifted",
     "multi_stage_open_drawer",
     "object_at_goal",
     "object_ee_distance",
@@ -122,6 +124,52 @@ def object_goal_distance(
     """
     near = 1.0 - wp.tanh(_goal_distance(env, robot, object, command) / std)
     return object_is_lifted(env, object, minimal_height) * near
+
+
+@wp.func
+def _is_held(
+    env: int, robot: ArticulationData, object: ArticulationData, hand: int, point: wp.vec3, reach: float
+) -> float:
+    """1 where an object's middle is within ``reach`` [m] of the point between the fingers, else 0."""
+    away = wp.transform_get_translation(object.root_pose[env]) - _point(env, robot, hand, point)
+    return wp.where(wp.length(away) < reach, 1.0, 0.0)
+
+
+@wp.func
+def held_object_is_lifted(
+    env: int,
+    robot: ArticulationData,
+    object: ArticulationData,
+    body_ids: wp.array[int],
+    point: wp.vec3,
+    reach: float,
+    minimal_height: float,
+) -> float:
+    """Whether an object is above a height between the fingers: one that was thrown up is not.
+
+    Formula: ``(|p_o - e| < reach) (p_o.z > minimal_height)`` [m], 1 or 0.
+    """
+    return _is_held(env, robot, object, body_ids[0], point, reach) * object_is_lifted(env, object, minimal_height)
+
+
+@wp.func
+def held_object_goal_distance(
+    env: int,
+    robot: ArticulationData,
+    object: ArticulationData,
+    command: PoseCommandData,
+    body_ids: wp.array[int],
+    point: wp.vec3,
+    reach: float,
+    minimal_height: float,
+    std: float,
+) -> float:
+    """Nearness to the commanded position of a lifted object between the fingers, from 0 to 1.
+
+    Formula: ``(|p_o - e| < reach) (p_o.z > minimal_height) (1 - tanh(|goal - p_o| / std))``.
+    """
+    held = _is_held(env, robot, object, body_ids[0], point, reach)
+    return held * object_goal_distance(env, robot, object, command, minimal_height, std)
 
 
 @wp.func
