@@ -264,6 +264,8 @@ class ResetPart:
         """Run the hook for the environments of the reset mask, of which there are so many, in the recorder's way."""
         self.env_ids = self._order[:number]
         self._padded = self._size_for(number)
+        if self._padded and self._recorder.context.carried is not None:
+            self._env_rows()  # before a recording, as it copies from the host
         self._recorder.run(self.hook, number, self._padded if self._size_for(1) else None)
 
     def _size_for(self, number: int) -> int:
@@ -282,7 +284,8 @@ class ResetPart:
         if variant != self._padded:
             yield
             return
-        rows, own = self._env_rows(), self.env_ids
+        assert self._rows is not None  # made by run()
+        rows, own = self._rows[1], self.env_ids
         rows.keep(self._mask.order, self._mask.count, variant)
         self.env_ids = self._order[:variant]
         try:

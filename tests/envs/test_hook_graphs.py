@@ -9,7 +9,8 @@ import pytest
 import torch
 
 from stripe_newton.configclass import ConfigError
-from stripe_newton.envs.hook_graphs import HookGraphError
+from stripe_newton.envs import hook_parts
+from stripe_newton.envs.hook_graphs import EnvRows, HookGraphError
 from stripe_newton.rl.runner import OnPolicyRunner
 from stripe_newton.rl.wrappers.rsl_rl import RslRlVecEnvWrapper
 from stripe_tasks.cartpole import CartpoleEnvCfg
@@ -189,6 +190,21 @@ class Patient(RecordedCart):
 def padding(recording, monkeypatch):
     monkeypatch.setattr("stripe_newton.envs.hook_parts.ResetPart.LEAST", 2)
     monkeypatch.setattr("stripe_newton.envs.hook_parts.ResetPart.STEP", 2)
+    record, make_rows, recordings = hook_parts.Recorder.__call__, EnvRows.__init__, []
+
+    def recorded(self, function):
+        recordings.append(function)
+        try:
+            return record(self, function)
+        finally:
+            recordings.pop()
+
+    def made(self, *args):
+        assert not recordings, "a graph would copy from memory of the host that is gone by its first replay"
+        make_rows(self, *args)
+
+    monkeypatch.setattr(hook_parts.Recorder, "__call__", recorded)
+    monkeypatch.setattr(EnvRows, "__init__", made)
 
 
 def both(cls: type[RecordedCart], steps: int, monkeypatch) -> tuple[RecordedCart, str]:
@@ -214,6 +230,15 @@ def test_one_graph_resets_up_to_a_number(padding, monkeypatch):
     hook = recorder_of(env).hooks[4]
     assert (hook.why_not_padded, hook.recorded_variants) == ("", [2, 4])
     assert "graphs for up to 2, 4 resets" in env.describe()
+
+
+def test_the_first_number_is_one_with_a_graph(padding):
+    env = make(Patient, scene=RecordedCartCfg().scene.replace(num_envs=12))
+    env.episode_length_buf = torch.arange(12) // 2 % env.max_episode_length
+    for _ in range(2):
+        run(env, env.max_episode_length)
+    hook = recorder_of(env).hooks[4]
+    assert (hook.why_not_padded, hook.recorded_variants) == ("", [2])
 
 
 class Counting(Patient):
