@@ -214,7 +214,7 @@ FN void take_best(WarpSearches& all, int k) {
 }
 
 // Find the hits of some searches, and add each to those of the lane that it belongs to.
-FN void find_hits(PairHits& found, WarpSearches& all, const Parameters& P, int slot, int count, int lane, int lanes) {
+FN void find_hits(PairHits& found, WarpSearches& all, const Parameters& P, int count, int lane, int lanes) {
     all.own[lane] = 0;
     ROLLED while (int candidates = begin_round(all, count, lane, lanes)) {
         find_touches(all, P, count, candidates, lane, lanes);
@@ -264,13 +264,13 @@ FN void find_pair_hits(PairHits& found, const World& w, const Parameters& P, int
             near &= near - 1, listed += __popc(votes);
             is_more = any_in_warp(near != 0);
         }
-        if (listed == 0) break;
-        SYNC_WARP();
+        const bool is_last = listed == 0;
+        const int taken = listed < lanes ? listed : lanes;
+        unsigned short part = 0, next = 0;
         Search s;
         Touch hit;
         s.size = s.count = 0;
-        const int taken = listed < lanes ? listed : lanes;
-        unsigned short part = 0, next = 0;
+        SYNC_WARP();
         if (lane < taken) part = all.listed[lane], prepare(s, hit, P, unpacked(part), l);
         if (lanes + lane < listed) next = all.listed[lanes + lane];
         SYNC_WARP();
@@ -278,7 +278,9 @@ FN void find_pair_hits(PairHits& found, const World& w, const Parameters& P, int
         listed -= taken;
         const bool is_found = s.size > 0 || s.count > 0;
         const unsigned votes = __ballot_sync(0xffffffffu, is_found);
-        if (count + __popc(votes) > MOST_SEARCHES) find_hits(found, all, P, slot, count, lane, lanes), count = 0;
+        // In one place, as its code is long.
+        if (count && (is_last || count + __popc(votes) > MOST_SEARCHES)) find_hits(found, all, P, count, lane, lanes), count = 0;
+        if (is_last) break;
         const int k = count + __popc(votes & (1u << lane) - 1);
         if (is_found) {
             s.ended = s.size == 0;
@@ -288,7 +290,6 @@ FN void find_pair_hits(PairHits& found, const World& w, const Parameters& P, int
         count += __popc(votes);
         SYNC_WARP();
     }
-    if (count) find_hits(found, all, P, slot, count, lane, lanes);
 }
 
 // Contacts of a slot, the limb `l` of its lane. Returns their number.
