@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import mujoco
 import numpy as np
@@ -19,6 +20,10 @@ _MOST_DOFS = 10, 8
 """Degrees of freedom of the hub, whose system all lanes solve, and of a limb."""
 _MOST_PAIRS = 64
 """Pairs of geoms of a limb, which its lane looks at one after another."""
+_MOST_GROUNDS = 2
+"""Height fields and meshes whose poses are kept in the state of a world."""
+_MOST_SEARCHES = 48
+"""Searches for contacts that the lanes of a warp do at a time, as in limb_search.h."""
 _MOST_COLUMNS = 10
 """Degrees of freedom of hub and limb for which a lane of a GPU has registers."""
 _HITS = {
@@ -48,6 +53,8 @@ class LimbForm:
     """Whether joints have friction loss."""
     planes: tuple[int, ...]
     """Planes that geoms may touch."""
+    grounds: tuple[int, ...]
+    """Height fields and meshes that they may touch, if these are few."""
     other_grounds: bool
     """Whether they may touch other things: shapes that do not move, height fields."""
 
@@ -66,8 +73,9 @@ class LimbForm:
         shares = _share_pairs(model, pairs, limbs)
         most = max(sum(_HITS[pairs[p].kind] for p in share) for share in shares)
         planes = tuple(sorted({pair.geom1 for pair in pairs if _is_plane(pair)}))
+        grounds = tuple(sorted({pair.geom1 for pair in pairs if is_searched(pair)}))
         return cls(model, tuple(hub), tuple(map(tuple, limbs)), tuple(map(tuple, shares)), most, losses, planes,
-                   not all(map(_is_plane, pairs)))  # fmt: skip
+                   grounds if len(grounds) <= _MOST_GROUNDS else (), not all(map(_is_plane, pairs)))  # fmt: skip
 
     @property
     def slots(self) -> int:
@@ -102,8 +110,20 @@ class LimbForm:
         size += 3 * len(set(model.body_rootid.tolist()))
         size += max(7 * model.nbody + 6 * dofs + 12 * hub, 5 * model.nv + model.nq)
         links = (9 if self.losses else 6) * dofs + 11 * (hub + self.slots * self.limb_dofs)
-        size += max(links + 6 * max(1, len(self.planes)), 6 * model.nbody)
+        size += max(links + 6 * max(1, len(self.planes)) + 12 * len(self.grounds), 6 * model.nbody)
         return size + 1 + size % 2
+
+    @staticmethod
+    def searches_size(pairs: Sequence[ContactPair]) -> int:
+        """Numbers of four bytes in ``WarpSearches`` of limb_search.h; the source asserts that they are enough.
+
+        Args:
+            pairs: The pairs of geoms that may touch, as the kernel has them.
+        """
+        if not any(map(is_searched, pairs)):
+            return 0
+        touch = 8 if any(pair.kind.startswith("MESH") for pair in pairs) else 7
+        return -(-(_MOST_SEARCHES * (21 + 4 * touch + 5) + 64 + 32) // 4) * 4
 
     def sizes(self, max_contacts: int) -> dict[str, int]:
         """Sizes that the source relies on.
@@ -119,7 +139,7 @@ class LimbForm:
             "NSLOTS": self.slots, "LIMB_DOFS": self.limb_dofs, "HUB_DOFS": len(hub_dofs), "HUB_BODIES": len(self.hub),
             "NSTATIC": len(_static_bodies(model)), "HUB_IS_FREE": int(free), "HUB_IS_CHAIN": int(chain),
             "ALL_HUB": int(moves_all), "LIMB_CONTACTS": min(self.most_hits, max_contacts), "LOSSES": int(self.losses),
-            "NPLANES": len(self.planes), "MORE_THAN_PLANES": int(self.other_grounds),
+            "NPLANES": len(self.planes), "NGROUNDS": len(self.grounds), "MORE_THAN_PLANES": int(self.other_grounds),
         }  # fmt: skip
 
     def tables(self, pairs: Sequence[ContactPair]) -> dict[str, Iterable[int]]:
@@ -150,7 +170,10 @@ class LimbForm:
             "weld": [b for group in welds for b in group],
             "limb_pair_start": np.cumsum([0, *map(len, shares)]),
             "limb_pair": [p for share in shares for p in share],
+            **(_geom_tables(model, pairs, shares) if any(map(is_searched, pairs)) else {}),
             "plane": list(self.planes),
+            "ground": list(self.grounds),
+            "pair_ground": [self.grounds.index(pair.geom1) if pair.geom1 in self.grounds else 0 for pair in pairs],
             "pair_plane": [self.planes.index(pair.geom1) if _is_plane(pair) else 0 for pair in pairs],
             "ends_body": [int(d >= 0 and _is_last(model, d)) for d in places],
         }
@@ -257,11 +280,39 @@ def _share_pairs(
     if all(map(_is_plane, pairs)):
         return shares
 
-    def order(p: int) -> tuple[int, int, bool, int]:
-        return (*_moving_first(model, pairs[p]), is_searched(pairs[p]), p)
+    def order(p: int) -> tuple[int, bool, int, int]:
+        moving, other = _moving_first(model, pairs[p])
+        return moving, is_searched(pairs[p]), other, p
 
     # Those of a geom, and its parts on a ground, one after another, so that it is placed once.
     return [sorted(share, key=order) for share in shares]
+
+
+def _geom_tables(
+    model: mujoco.MjModel, pairs: Sequence[ContactPair], shares: Sequence[Sequence[int]]
+) -> dict[str, Iterable[int]]:
+    """Tables of the geoms of each slot, for lanes that search together: see limb_search.h.
+
+    They are the geoms that move; the first of the pairs of each, and the first that is searched; and for each pair how
+    many parts on the same ground there are from it on.
+    """
+    start, geoms, first, searched, parts = [0], [], [], [], []
+    for share in shares:
+        for geom, group in groupby(share, key=lambda p: _moving_first(model, pairs[p])[0]):
+            own = [pairs[p] for p in group]
+            geoms.append(geom)
+            first.append(len(parts))
+            searched.append(len(parts) + sum(not is_searched(pair) for pair in own))
+            grounds = [(pair.geom1, pair.mesh) if is_searched(pair) else None for pair in own]
+            parts += [grounds[i:].count(ground) for i, ground in enumerate(grounds)]
+        start.append(len(geoms))
+    return {
+        "limb_geom_start": start,
+        "limb_geom": geoms,
+        "limb_geom_pair": [*first, len(parts)],
+        "limb_geom_search": searched,
+        "limb_parts": parts,
+    }
 
 
 def _moving_first(model: mujoco.MjModel, pair: ContactPair) -> tuple[int, int]:

@@ -11,6 +11,8 @@ import warp as wp
 
 from stripe_kernels.clearance import measure_clearance
 
+from .level_cells import Cells, level_cells
+
 __all__ = ["DEPTH", "MeshGrids", "TriangleMesh"]
 
 DEPTH = 0.05
@@ -29,6 +31,8 @@ _MOST_CELLS, _MOST_ALONG = 4_000_000, 32_000
 """Cells of a grid, and of it along an axis: they are numbered by two bytes."""
 _CLEAR_CELL, _MOST_CLEAR_CELLS = 0.1, 1_000_000
 """Size of a cell that has a distance [m], unless there would be more of them."""
+_WIDTH = 1e-4
+"""Width of the triangles that stand for edges [m]."""
 _UNIT = 0.01
 """Unit of the distances, which are up to 255 of it [m]."""
 _BLOCK = 2_000_000
@@ -36,11 +40,19 @@ _BLOCK = 2_000_000
 
 _GRID = np.dtype(
     [("low", "3f4"), ("cells_per_metre", "f4"), ("size", "3i4"), ("reach", "f4"),
-     ("cells", "u8"), ("items", "u8"), ("things", "u8"), ("none", "u8")]
+     ("cells", "u8"), ("items", "u8"), ("things", "u8"), ("planes", "u8")]
 )  # fmt: skip
 """As struct Grid of search.h."""
 _CLEARANCE = np.dtype(
-    [("low", "3f4"), ("cells_per_metre", "f4"), ("size", "3i4"), ("unit", "f4"), ("cells", "u8"), ("none", "u8")]
+    [
+        ("low", "3f4"),
+        ("cells_per_metre", "f4"),
+        ("size", "3i4"),
+        ("unit", "f4"),
+        ("cells", "u8"),
+        ("metres_per_cell", "f4"),
+        ("none", "f4"),
+    ]
 )
 """As struct Clearance of search.h."""
 _FACE = np.dtype(
@@ -85,41 +97,57 @@ class MeshGrids:
         self.array = self._keep(np.concatenate(records))
 
     def _grids(self, meshes: list[TriangleMesh]) -> Iterable[np.ndarray]:
-        faces, edges = _faces_and_edges(meshes)
-        yield self._grid(faces, _corners(faces), _CELLS[0], self.reach)
+        faces, edges, goes_on = _faces_and_edges(meshes)
+        yield self._grid(faces, _corners(faces), _CELLS[0], self.reach, goes_on)
         yield self._grid(edges, edges["corners"][:, :2], _CELLS[1], 0.0)
-        yield self._clearance(faces)
+        yield self._clearance(faces, edges)
 
-    def _grid(self, things: np.ndarray, corners: np.ndarray, cell: float, reach: float) -> np.ndarray:
+    def _grid(
+        self, things: np.ndarray, corners: np.ndarray, cell: float, reach: float, goes_on: np.ndarray | None = None
+    ) -> np.ndarray:
         """The record of a grid; corners are those of a triangle, or the ends of an edge, of each thing."""
         low, size, cell, first, items = _sort_into_cells(corners.astype(float), cell, reach)
         record = np.zeros(1, _GRID)
         record["low"], record["cells_per_metre"], record["size"], record["reach"] = low, 1.0 / cell, size, reach
-        for name, array in (("cells", first), ("items", items), ("things", things.view(np.uint8))):
+        arrays = {"cells": first, "items": items, "things": things.view(np.uint8)}
+        if goes_on is not None:
+            cells = Cells(low, size, cell, first, items)
+            arrays["planes"] = level_cells(cells, corners, things["normal"], things["geom"], goes_on)
+        for name, array in arrays.items():
             record[name] = self._keep(array).ptr or 0
         return record
 
-    def _clearance(self, faces: np.ndarray) -> np.ndarray:
-        """The record of the grid of distances to the nearest face."""
+    def _clearance(self, faces: np.ndarray, edges: np.ndarray) -> np.ndarray:
+        """The record of the grid of distances to the nearest face and the nearest edge."""
         points = _corners(faces).reshape(-1, 3).astype(float)
         low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(3), np.zeros(3))
         cell = _CLEAR_CELL
         while np.prod(_cells(low, high, cell), dtype=float) > _MOST_CLEAR_CELLS:
             cell *= 1.25
         size = _cells(low, high, cell)
-        cells = wp.full(int(np.prod(size)), value=wp.uint8(255), dtype=wp.uint8, device=self.device)
+        cells = wp.full((int(np.prod(size)), 2), value=wp.uint8(255), dtype=wp.uint8, device=self.device)
         if len(points):
             corners = wp.array(points.astype(np.float32), dtype=wp.vec3, device=self.device)
             indices = wp.array(np.arange(len(points), dtype=np.int32), device=self.device)
             solid = wp.array(faces["is_solid"].copy(), device=self.device)
             mesh = wp.Mesh(corners, indices)  # by name, as nothing else keeps it during the launch
-            inputs = [mesh.id, solid, wp.vec3(*low), cell, int(size[0]), int(size[1]), _UNIT]
+            bends = self._as_triangles(edges) if len(edges) else None
+            inputs = [mesh.id, bends.id if bends else 0, solid, wp.vec3(*low), cell, int(size[0]), int(size[1]), _UNIT]
             wp.launch(measure_clearance, len(cells), inputs, [cells], device=self.device)
         self._arrays.append(cells)
         record = np.zeros(1, _CLEARANCE)
         record["low"], record["cells_per_metre"], record["size"], record["unit"] = low, 1.0 / cell, size, _UNIT
-        record["cells"] = cells.ptr
+        record["cells"], record["metres_per_cell"] = cells.ptr, cell
         return record
+
+    def _as_triangles(self, edges: np.ndarray) -> wp.Mesh:
+        """Edges as narrow triangles; those without an area are not found."""
+        corners = edges["corners"][:, [0, 1, 1]].astype(float)
+        along = corners[:, 1] - corners[:, 0]
+        across = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
+        corners[:, 2] += _WIDTH / np.linalg.norm(across, axis=1, keepdims=True) * across
+        points = wp.array(corners.reshape(-1, 3).astype(np.float32), dtype=wp.vec3, device=self.device)
+        return wp.Mesh(points, wp.array(np.arange(3 * len(corners), dtype=np.int32), device=self.device))
 
     def _keep(self, array: np.ndarray) -> wp.array:
         kept = wp.array(array, device=self.device)
@@ -127,8 +155,11 @@ class MeshGrids:
         return kept
 
 
-def _faces_and_edges(meshes: list[TriangleMesh]) -> tuple[np.ndarray, np.ndarray]:
-    """Records of the faces of meshes, and of the edges that can touch before faces do, mesh by mesh."""
+def _faces_and_edges(meshes: list[TriangleMesh]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Records of the faces of meshes, and of the edges that can touch before faces do, mesh by mesh.
+
+    Also whether the surface goes on in the plane of each face beyond each of its edges, shape ``(faces, 3)``.
+    """
     vertices, of_vertex, faces, of_face = _welded(meshes)
     geoms = np.array([mesh.geom for mesh in meshes], dtype=int)
     neighbours = _neighbours(faces)
@@ -149,6 +180,12 @@ def _faces_and_edges(meshes: list[TriangleMesh]) -> tuple[np.ndarray, np.ndarray
     right = np.where(other >= 0, across[np.arange(len(other)), is_end.argmin(axis=1)], left)
     a, b, c = (vertices[faces[face, k]] for k in range(3))
     height = np.einsum("ij,ij->i", vertices[right] - vertices[ends[:, 0]], _normals(a, b, c))
+    goes_on = np.zeros((len(faces), 3), dtype=bool)
+    level = (other >= 0) & (np.abs(height) <= _LEVEL)
+    back = (neighbours[other] == face[:, None]) & (other >= 0)[:, None]
+    goes_on[face, side] = level
+    edge, its_side = np.nonzero(back)
+    goes_on[other[edge], its_side] = level[edge]
     # Of a solid the edges at which it bends down; of an open mesh, all at which it bends or ends.
     bends = (other < 0) | (height < -_LEVEL) | ((height > _LEVEL) & ~solid[face])
     edges = np.zeros(int(bends.sum()), _EDGE)
@@ -158,7 +195,7 @@ def _faces_and_edges(meshes: list[TriangleMesh]) -> tuple[np.ndarray, np.ndarray
         geoms[of_face[face[bends]]],
         solid[face[bends]],
     )
-    return made, edges
+    return made, edges, goes_on
 
 
 def _corners(faces: np.ndarray) -> np.ndarray:

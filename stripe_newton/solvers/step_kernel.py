@@ -37,7 +37,7 @@ _LIMB_SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "search_hits.h",
     "contact_fields.h", "limb_world.h", "rows.h", "poses.h", "impedance.h", "geoms.h", "ground_parts.h", "copies.h",
     "newton_state.h", "per_step.h", "launch.h", "limb_state.h", "limb_frames.h", "limb_parameters.h",
-    "limb_dynamics.h", "limb_ground.h", "limb_contacts.h", "limb_newton.h", "limb_step.h",
+    "limb_dynamics.h", "limb_ground.h", "limb_contacts.h", "limb_search.h", "limb_newton.h", "limb_step.h",
 )  # fmt: skip
 """Those of the form for a hub with limbs."""
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied")
@@ -162,6 +162,8 @@ class Layout:
     """Whether the state is in shared memory; otherwise it is in the workspace."""
     num_limbs: int = 0
     """Limbs in the form for a hub with limbs, 0 in the general form."""
+    searches_size: int = 0
+    """Numbers of four bytes in shared memory of what the lanes of a warp search together, in that form."""
 
     @property
     def is_limbs(self) -> bool:
@@ -174,10 +176,14 @@ class Layout:
         size = self.spill_size + (0 if self.in_shared else self.world_size)
         return -(-size // 4) * 4
 
+    def memory_size(self, lanes: int) -> int:
+        """Numbers of four bytes in shared memory that a block has for its worlds, the tables and searches."""
+        warps = self.worlds_per_block * lanes // _WARP
+        return self.worlds_per_block * self.world_size + self.tables_size // 4 + warps * self.searches_size
+
     def block_size(self, lanes: int) -> int:
         """Shared memory that a block takes [bytes]."""
-        worlds = 4 * self.worlds_per_block * self.world_size
-        return worlds + self.tables_size + _of_warp(self.worlds_per_block, lanes) + _OF_CUDA
+        return 4 * self.memory_size(lanes) + _of_warp(self.worlds_per_block, lanes) + _OF_CUDA
 
     @classmethod
     def of(cls, tables: ModelTables, options: KernelOptions) -> Layout:
@@ -185,7 +191,9 @@ class Layout:
         most = tables.max_rows, tables.max_contacts
         if tables.limbs is not None:
             size, worlds = tables.limbs.world_size, _LIMB_THREADS // options.lanes if options.lanes > 1 else 1
-            return cls(0, 0, size, 0, worlds, tables.constants.shared_size, options.lanes > 1, len(tables.limbs.limbs))
+            searches = tables.limbs.searches_size(tables.pairs) if options.lanes > 1 else 0
+            constants, limbs = tables.constants.shared_size, len(tables.limbs.limbs)
+            return cls(0, 0, size, 0, worlds, constants, options.lanes > 1, limbs, searches)
         if options.lanes == 1:
             return cls(*most, tables.world_size(*most, False), 0, 1, 0, False)
         registers, constants = options.in_registers(tables), tables.constants.shared_size
@@ -282,12 +290,13 @@ def _library(tables: ModelTables, options: KernelOptions, layout: Layout) -> str
     head = [
         *(["#define FUSED_DOUBLE"] if options.double else []),
         f"#define LANES {options.lanes}",
-        # Lanes that search for touches together; in the form for a hub with limbs each does so alone.
+        # Lanes that search for touches together; in the form for a hub with limbs see limb_search.h.
         f"#define SEARCH_LANES {options.lanes if tables.limbs is None else 1}",
         f"#define IN_REGISTERS {int(options.in_registers(tables))}",
         f"#define IN_SHARED {int(layout.in_shared)}",
         f"#define WORLDS_PER_BLOCK {layout.worlds_per_block}",
         f"#define LIMBS {int(tables.limbs is not None)}",
+        f"#define WARP_SEARCHES_SIZE {layout.searches_size}",
         *([] if tables.limbs else [f"#define LD {tables.row_of_matrix(options.in_registers(tables))}"]),
         f"#define SEARCHES {min(tables.searches(layout.rows), options.lanes)}",
         f"#define TOUCHES {TOUCHES}",
@@ -368,7 +377,7 @@ def _kernel(
     body = "\n".join(["", *find_world(options, layout), *work, ""])
     memory = []
     if layout.in_shared:  # a tile, as it makes Warp ask for so much; it is the only one and thus at the start
-        size = layout.worlds_per_block * layout.world_size + layout.tables_size // 4
+        size = layout.memory_size(options.lanes)
         memory = [f"    memory = wp.tile_empty(shape=({size},), dtype=float, storage='shared')"]
     # Native code calls these functions. Warp emits one only where a kernel calls it, and ahead of what is called later.
     called = ["        drive_explicit_joint(0, 0, 0.0, 0.0, drives)"] if "drives" in per_step else []

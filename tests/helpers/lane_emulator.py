@@ -41,6 +41,7 @@ _PRELUDE = """
 #define COPY_ASYNC(to, from) *(to) = *(from)
 #define AWAIT_COPIES()
 #define __popc __builtin_popcount
+#define __ffsll __builtin_ffsll
 #define __shared__
 #define rsqrtf(x) (1 / sqrtf(x))
 enum { EMULATED = %d };
@@ -82,12 +83,16 @@ static unsigned __ballot_sync(unsigned, int holds) {
 static int __any_sync(unsigned, int holds) { return __ballot_sync(0, holds) != 0; }
 static unsigned __float_as_uint(float x) { unsigned bits; memcpy(&bits, &x, 4); return bits; }
 static int atomicOr(int* to, int bits) { int was = *to; return *to |= bits, was; }
-static void atomicMin(unsigned long long* to, unsigned long long x) { if (x < *to) *to = x; }
+static void atomicOr(unsigned long long* to, unsigned long long bits) { *to |= bits; }
+static void atomicAdd(int* to, int x) { *to += x; }
+template <class T> static void atomicMin(T* to, T x) { if (x < *to) *to = x; }
 """
 _RUN = """
 enum { WORLDS = EMULATED / LANES };
 #if IN_SHARED
-namespace fused { alignas(16) char dynamic_smem_base[sizeof(Tables) + WORLDS * sizeof(World)]; }
+namespace fused {
+alignas(16) char dynamic_smem_base[sizeof(Tables) + WORLDS_PER_BLOCK * sizeof(World) + 4 * WARP_SEARCHES_SIZE];
+}
 #endif
 static fused::World* worlds_there;
 static const Arguments* arguments;

@@ -193,17 +193,26 @@ def test_bodies_come_to_rest(add_geom, place, turn, height, solid):
 def test_cells_list_all_faces_that_are_near():
     fine, reach = step_mesh(3), 0.09
     grids = MeshGrids([[TriangleMesh(fine.vertices, fine.faces, 3)]], reach, "cpu")
-    first, items, faces, _, _, edges, _, record = (a.numpy() for a in grids._arrays)
+    first, items, faces, planes, _, _, edges, _, record = (a.numpy() for a in grids._arrays)
     # Edges at which it bends down: those at the five convex corners of its outline, and the outline itself, twice.
     assert (len(faces) // 64, len(edges) // 64) == (len(fine.faces), 8 * (5 + 2 * 6))
     low, scale, size = record[:12].view(np.float32), record[12:16].view(np.float32)[0], record[16:28].view(np.int32)
     corners = faces.view(np.float32).reshape(-1, 4, 4)[:, 1:, :3]  # behind the normals
-    for point in np.random.default_rng(4).uniform([-0.05, -0.05, -0.05], [2.05, 1.05, 2.05], size=(100, 3)):
+    level = 0
+    for point in np.random.default_rng(4).uniform([-0.05, -0.05, -0.05], [2.05, 1.05, 2.05], size=(300, 3)):
         col, row, layer = np.floor((point - low) * scale).astype(int)
         cell = (layer * size[1] + row) * size[0] + col
         nearest = trimesh.triangles.closest_point(corners, np.tile(point, (len(corners), 1)))
-        near = np.flatnonzero(np.linalg.norm(nearest - point, axis=1) < reach)
+        distance = np.linalg.norm(nearest - point, axis=1)
+        near = np.flatnonzero(distance < reach)
         assert set(near) <= set(items[first[cell] : first[cell + 1]])
+        if planes[cell] >= 0:
+            a, b, c = corners[planes[cell]].astype(float)
+            normal = np.cross(b - a, c - a)
+            height = abs((point - a) @ normal) / np.linalg.norm(normal)
+            assert min(distance.min(), reach) == pytest.approx(min(height, reach), abs=1e-6)
+            level += 1
+    assert level > 40  # of the points that are near a face
 
 
 @pytest.mark.parametrize("solid", [True, False])
@@ -215,7 +224,7 @@ def test_no_face_is_nearer_to_a_cell_than_it_says(solid):
     unit = record[28:32].view(np.float32)[0]
     points = np.random.default_rng(4).uniform(low, low + size / scale, size=(400, 3))
     col, row, layer = np.floor((points - low) * scale).astype(int).T
-    clear = unit * cells[(layer * size[1] + row) * size[0] + col]
+    clear, clear_of_edges = unit * cells[(layer * size[1] + row) * size[0] + col].T
     distance = trimesh.proximity.closest_point_naive(mesh, points)[1]
     within = [(np.abs(points - center) < half).all(axis=1) for center, half in BOXES]
     inside = (within[0] | within[1]) & solid
@@ -225,6 +234,19 @@ def test_no_face_is_nearer_to_a_cell_than_it_says(solid):
     deep = inside & (distance > diagonal)
     assert (clear[deep] == 0.0).all()
     assert deep.any() == solid
+    to_edges = distance_to_edges(points, grids._arrays[6].numpy().view(np.float32).reshape(-1, 16)[:, :6])
+    assert (clear_of_edges <= to_edges + 1e-6).all()
+    assert (clear_of_edges >= to_edges - diagonal - 2 * unit)[to_edges < 255 * unit].all()
+
+
+def distance_to_edges(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Distances from points to the nearest of edges from three numbers of a row of ``ends`` to the next three [m]."""
+    nearest = np.full(len(points), np.inf)
+    for row in ends.astype(float):
+        a, along = row[:3], row[3:] - row[:3]
+        share = np.clip((points - a) @ along / (along @ along), 0.0, 1.0)
+        nearest = np.minimum(nearest, np.linalg.norm(points - a - share[:, None] * along, axis=1))
+    return nearest
 
 
 def test_a_mesh_of_faces_that_are_seen_from_inside_is_not_solid():

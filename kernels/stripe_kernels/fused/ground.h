@@ -15,7 +15,7 @@ FN bool is_near(const World& w, const Parameters& P, int p) {
     const real reach = c.radius + larger(margin_of(P, p), 0) + (real)1e-5;  // more than rounding
 #if HAS_MESHES
     if (contact_kind(p) >= MESH_SPHERE) {
-        return is_near_mesh(sources_of(P).meshes[contact_mesh(p)].clearance, axes, at, c, reach);
+        return near_mesh(sources_of(P).meshes[contact_mesh(p)].clearance, axes, at, c, reach).faces;
     }
 #endif
 #if HAS_FIELDS

@@ -39,6 +39,16 @@ FN int end_of(int part) {
     return part == HIGH_END_OF ? 1 : part == LOW_END_OF ? -1 : part >= CORNERS_OF ? part - CORNERS_OF : 0;
 }
 
+// Whether a geom may touch faces, also that of a capsule with its low and its high end, and whether it may touch edges.
+struct Near {
+    bool faces, low, high, edges;
+};
+// Whether a part of it may touch.
+FN bool is_part_near(const Near& near, int part) {
+    if (part == AXIS_OF || part == BOX_OF) return near.edges;
+    return part == LOW_END_OF ? near.low : part == HIGH_END_OF ? near.high : near.faces;
+}
+
 #if HAS_FIELDS
 FN Field field_of(const Parameters& P, int g) {
     int f = geom_field(g);
@@ -57,16 +67,25 @@ FN bool is_near_field(const Patch& patch, const Mat& axes, const Cover& c, real 
 #endif
 
 #if HAS_MESHES
-// Whether balls that hold a geom, by `reach` larger, may come to a face: by the distances to the nearest one. The rows of `axes`
-// are those of the meshes, in whose frame the geom is `at` a point.
-FN bool is_near_mesh(const Clearance& field, const Mat& axes, Vec at, const Cover& c, real reach) {
+// Whether balls that hold a geom, by `reach` larger, may come to a face, and to an edge: by the distances to the nearest ones.
+// The rows of `axes` are those of the meshes, in whose frame the geom is `at` a point.
+FN Near near_mesh(const Clearance& field, const Mat& axes, Vec at, const Cover& c, real reach) {
     const Vec first = at + axes * c.first, step = axes * c.step;
-    bool near = false;
-    for (int i = 0; i < c.count; i++) near |= clearance_at(field, first + (real)i * step) <= reach;
+    Near near{false, false, false, false};
+#if LIMBS && defined(__CUDA_ARCH__)
+    UNROLLED for (int i = 0; i < 3; i++) {  // looks that do not wait for each other; a single ball is looked at three times
+#else
+    for (int i = 0; i < c.count; i++) {
+#endif
+        const Clear clear = clearance_at(field, first + (real)i * step);
+        const bool touches = clear.faces <= reach;
+        near.faces |= touches, near.edges |= clear.edges <= reach, near.high = touches;  // the last ball is that of the high end
+        if (i == 0) near.low = touches;
+    }
     return near;
 }
 
-// The same of a part of a geom that is near: a ball at an end or a corner by itself; other parts are near.
+// Whether a part of a geom that is near is near itself: a ball at an end or a corner by itself; other parts are near.
 FN bool is_part_near_mesh(const Clearance& field, const Mat& axes, Vec at, const Geom& geom, int part, real margin) {
     if (part == SPHERE_OF || part == AXIS_OF || part == BOX_OF) return true;
     const Vec h = geom.size;
@@ -75,7 +94,7 @@ FN bool is_part_near_mesh(const Clearance& field, const Mat& axes, Vec at, const
     const Vec end{0, 0, part == HIGH_END_OF ? h.y : -h.y};
     const Vec local = is_end ? end : Vec{k & 1 ? -h.x : h.x, k & 2 ? -h.y : h.y, k & 4 ? -h.z : h.z};
     const real reach = (is_end ? h.x : 0) + larger(margin, 0) + (real)1e-5;
-    return clearance_at(field, at + axes * (geom.axes * local)) <= reach;
+    return clearance_at(field, at + axes * (geom.axes * local)).faces <= reach;
 }
 #endif
 

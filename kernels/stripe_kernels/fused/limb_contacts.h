@@ -56,6 +56,17 @@ FN Geom static_geom(const World& w, const Parameters& P, int g, int b) {
     o.pos = o.pos + (origin_of(w, geom_body(g)) - origin_of(w, b));
     return o;
 }
+#if HAS_SEARCHES
+// The ground of a searched pair, relative to the origin of the tree of the body `b`.
+FN Geom ground_of(const World& w, const Parameters& P, int p, int b) {
+#if NGROUNDS
+    const real* at = w.grounds + 12 * pair_ground(p);
+    return Geom{load(at) + (origin_of(w, geom_body(contact_geom1(p))) - origin_of(w, b)), load_matrix(at + 3), {0, 0, 0}};
+#else
+    return static_geom(w, P, contact_geom1(p), b);
+#endif
+}
+#endif
 FN Geom plane_of(const World& w, int p) {
     const real* at = w.planes + 6 * pair_plane(p);
     const Vec normal = load(at + 3);
@@ -69,13 +80,14 @@ FN bool are_far(const Geom& a, const Geom& b, real margin) {
     return dot(d, d) > reach * reach;
 }
 
-// What a lane has found so far for the pairs of its limb: the geom that moves and its ground, which the pairs of it share.
+#if !WARP_SEARCHES  // else see limb_search.h
+// What a thread has found so far for the pairs of a limb: the geom that moves and its ground, which the pairs of it share.
 struct Held {
     int geom;
     Geom own;
 #if HAS_SEARCHES
     int searched;
-    bool near;
+    Near near;
     OnGround ground;
 #endif
 };
@@ -94,83 +106,48 @@ FN int hold(Held& h, const World& w, const Parameters& P, int p) {
 #if HAS_SEARCHES
 // The same with its ground, if the pair has one that is searched.
 FN void hold_ground(Held& h, const World& w, const Parameters& P, int p) {
-    const int other = hold(h, w, P, p), k = searched_geom(p - FIRST_SEARCHED_PAIR);
+    hold(h, w, P, p);
+    const int k = searched_geom(p - FIRST_SEARCHED_PAIR);
     if (k == h.searched) return;
     h.searched = k;
-    h.ground = on_ground(static_geom(w, P, other, geom_body(h.geom)), h.own);
-    h.near = is_near(h.ground, P, p);
+    h.ground = on_ground(ground_of(w, P, p, geom_body(h.geom)), h.own);
+    h.near = near_ground(h.ground, P, p);
 }
 #endif
 
-// Hits of the pair `p` by its own lane. Returns false if all lanes are to search for them, and `alone` does not forbid it.
-FN bool pair_hits(Hits& hits, int* geoms, Held& h, const World& w, const Parameters& P, int p, bool alone) {
+// Hits of the pair `p`.
+FN void pair_hits(Hits& hits, int* geoms, Held& h, const World& w, const Parameters& P, int p) {
     hits.count = 0;
-    if (!has_both(P, p)) return true;
+    if (!has_both(P, p)) return;
 #if HAS_SEARCHES
     if (p >= FIRST_SEARCHED_PAIR) {
         hold_ground(h, w, P, p);
-        return !h.near || ground_hits(hits, geoms, h.ground, P, p, alone);
+        if (is_part_near(h.near, ground_part(p))) ground_hits(hits, geoms, h.ground, P, p);
+        return;
     }
 #endif
     const int other = hold(h, w, P, p);
     if (!MORE_THAN_PLANES || contact_kind(p) <= PLANE_CYLINDER) {
         primitive_hits(hits, p, margin_of(P, p), plane_of(w, p), h.own);
-        return true;
+        return;
     }
     const Geom still = static_geom(w, P, other, geom_body(h.geom));
     const bool is_first = other == contact_geom2(p);
-    if (are_far(still, h.own, margin_of(P, p))) return true;
+    if (are_far(still, h.own, margin_of(P, p))) return;
     primitive_hits(hits, p, margin_of(P, p), is_first ? h.own : still, is_first ? still : h.own);
-    return true;
 }
-
-#if WARP_SEARCHES
-// Hits of a pair of one lane of the warp that has left it to all: of the first such lane. Returns false if there is none.
-FN bool shared_hits(Hits& hits, int* geoms, Held& h, const World& w, const Parameters& P, const short* left, int& count, int& p) {
-    const unsigned votes = __ballot_sync(0xffffffffu, count > 0);
-    hits.count = 0;
-    if (!votes) return false;
-    const int lane = threadIdx.x % 32, from = __popc(~votes & (votes - 1));
-    Search s;
-    if (lane == from) {
-        p = left[--count];
-        hold_ground(h, w, P, p);
-        prepare(s, h.ground, P, p);
-    }
-    ground_hits_of_warp(hits, geoms, (const Mesh*)P.m.meshes, s, h.ground, lane, from);
-    return true;
-}
-#endif
 
 // Contacts of a slot. Returns their number. Pairs of a geom that moves come one after another, and so do its parts on a ground,
-// so that each geom is placed once. Parts on meshes with many candidates are left to all lanes of the warp.
-FN int limb_contacts(LimbContact* found, const World& w, const Parameters& P, const Limb& L, int slot, int& rows, int& overflow) {
-    int count = 0, t = limb_pair_start(slot);
+// so that each geom is placed once.
+FN int limb_contacts(LimbContact* found, const World& w, const Parameters& P, const Limb& L, int slot, int, int& rows, int& overflow) {
+    int count = 0;
     const int end = limb_pair_start(slot + 1);
     Held held;
     held.geom = -1;
-#if WARP_SEARCHES
-    enum { MOST_LEFT = 8 };
-    short left[MOST_LEFT];
-    int num_left = 0;
-    const bool is_whole = (P.id / (32 / LANES) + 1) * (32 / LANES) <= P.num_worlds;  // no world of the warp is missing
-#endif
-    ROLLED for (;;) {
+    ROLLED for (int t = limb_pair_start(slot); t < end; t++) {
         Hits hits;
-        int geoms[4], p = 0;
-#if WARP_SEARCHES
-        if (any_in_warp(t < end)) {
-            hits.count = 0;
-            if (t < end) {
-                p = limb_pair(t++);
-                if (!pair_hits(hits, geoms, held, w, P, p, !is_whole || num_left == MOST_LEFT)) left[num_left++] = (short)p;
-            }
-        } else if (!shared_hits(hits, geoms, held, w, P, left, num_left, p)) break;
-#else
-        if (t == end) break;
-        p = limb_pair(t++);
-        pair_hits(hits, geoms, held, w, P, p, true);
-#endif
+        int geoms[4], p = limb_pair(t);
+        pair_hits(hits, geoms, held, w, P, p);
         ROLLED for (int i = 0; i < hits.count; i++) {
             if (count == LIMB_CONTACTS) {
                 overflow |= OVERFLOW_CONTACTS;
@@ -183,6 +160,7 @@ FN int limb_contacts(LimbContact* found, const World& w, const Parameters& P, co
     }
     return count;
 }
+#endif
 
 // Force of a contact along its normal and two tangents.
 FN Vec contact_force(const LimbContact& o) {

@@ -49,6 +49,12 @@ FN void gather_parameters(World& w, const Parameters& P, int lane) {
         const Geom at = geom_of(w, P, g);
         store(w.planes + 6 * i, at.pos + origin_of(w, geom_body(g))), store(w.planes + 6 * i + 3, column(at.axes, 2));
     }
+#if NGROUNDS
+    EACH(i, NGROUNDS) {
+        const Geom at = geom_of(w, P, ground(i));
+        store(w.grounds + 12 * i, at.pos), store_matrix(w.grounds + 12 * i + 3, at.axes);
+    }
+#endif
     SYNC();
 }
 

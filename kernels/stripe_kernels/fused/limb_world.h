@@ -36,7 +36,7 @@ enum {
     SOME_HUB = HUB_BODIES ? HUB_BODIES : 1,
     LINK_SIZE = 11,
     PARTS_SIZE = LOSSES ? 9 : 6,
-    LINKS_SIZE = PARTS_SIZE * (NH ? NH : 1) + LINK_SIZE * (SOME_HUB + NSLOTS * LD) + 6 * (NPLANES ? NPLANES : 1),
+    LINKS_SIZE = PARTS_SIZE * (NH ? NH : 1) + LINK_SIZE * (SOME_HUB + NSLOTS * LD) + 6 * (NPLANES ? NPLANES : 1) + 12 * NGROUNDS,
     BODIES_SIZE = 7 * NB + 6 * (NH ? NH : 1) + 12 * SOME_HUB,
     DRIVES_SIZE = 5 * NV + NQ,
     WORLD_SIZE = NQ + 4 * NV + NU + NTURNED + 3 * NTREES + (BODIES_SIZE > DRIVES_SIZE ? BODIES_SIZE : DRIVES_SIZE) + 2 +
@@ -63,6 +63,9 @@ struct World {
         struct {  // in all steps
             LinkParameters hub_link[SOME_HUB], link[NSLOTS * LD];  // of the hub's bodies; of limbs at the last freedom of a body
             real planes[6 * (NPLANES ? NPLANES : 1)];  // a point and the normal of each plane, in the world
+#if NGROUNDS
+            real grounds[12 * NGROUNDS];  // position and axes of height fields and meshes, relative to the origin of their tree
+#endif
             DofParts hub_parts[NH ? NH : 1];
         };
         real velocities[6 * NB];  // after them: see `keep_velocity`
@@ -93,9 +96,9 @@ FN bool any_in_warp(bool holds) { return __any_sync(0xffffffffu, holds); }
 #else
 FN bool any_in_warp(bool holds) { return holds; }
 #endif
-// Whether all lanes of a warp search for the touches of a part that has many candidates.
+// Whether all lanes of a warp search for the touches of parts on height fields and meshes together.
 #ifdef __CUDA_ARCH__
-#define WARP_SEARCHES HAS_MESHES
+#define WARP_SEARCHES HAS_SEARCHES
 #else
 #define WARP_SEARCHES 0
 #endif

@@ -37,18 +37,22 @@ FN Cells cells_near(const Grid& g, Vec low, Vec high) {
                  last_cell(to.y, g.size[1]),    first_cell(from.z, g.size[2]), last_cell(to.z, g.size[2])};
 }
 
-// A distance from a point within which there is no face [m]; 0 inside of a solid, or where the point is not a number.
-FN real clearance_at(const Clearance& g, Vec p) {
-    real u[3] = {p.x - g.low[0], p.y - g.low[1], p.z - g.low[2]}, outside = 0;
+// Distances from a point within which there is no face, and no edge [m]; 0 where the point is not a number, and that of faces 0
+// inside of a solid.
+struct Clear {
+    real faces, edges;
+};
+FN Clear clearance_at(const Clearance& g, Vec p) {
+    real u[3] = {p.x - g.low[0], p.y - g.low[1], p.z - g.low[2]}, least = 0, most = 0;  // bounds of the distance to the grid
     int cell[3];
     for (int k = 0; k < 3; k++) {
-        cell[k] = (int)smaller(larger(g.cells_per_metre * u[k], 0), (real)(g.size[k] - 1));
-        real beyond = larger(larger(-u[k], u[k] - g.size[k] / g.cells_per_metre), 0);
-        outside += beyond * beyond;
+        const real x = g.cells_per_metre * u[k], size = (real)g.size[k];
+        cell[k] = (int)smaller(larger(x, 0), size - 1);
+        const real beyond = g.metres_per_cell * larger(larger(-x, x - size), 0);
+        least = larger(least, beyond), most += beyond;
     }
-    real clear = g.unit * g.cells[(cell[2] * g.size[1] + cell[1]) * g.size[0] + cell[0]];
-    outside = SQRT(outside);
-    return larger(outside, clear - outside);
+    const int units = g.cells[(cell[2] * g.size[1] + cell[1]) * g.size[0] + cell[0]];
+    return Clear{larger(least, g.unit * (units & 255) - most), larger(least, g.unit * (units >> 8) - most)};
 }
 
 // Items of cells: those of a row of cells lie one after another. One that reaches into several cells is there several times.
@@ -118,6 +122,25 @@ FN bool corner_touch(const MeshFace& f, const Search& s, Touch& hit, real& order
     }
     hit.dist = order = dist, hit.normal = dist <= (real)1e-7 ? n : (1 / dist) * offset;
     return dist < s.reach;
+}
+#endif
+
+#if LIMBS
+// Touch of a ball or a corner with the plane of a face.
+FN bool plane_touch(const Search& s, const MeshFace& f, Touch& hit) {
+    const Vec a = in_mesh(f.a, s.geom), n = normal_of(f);
+    const real above = dot(s.at - a, n);
+    real side = above < 0 ? -1 : 1, dist = FABS(above), reach = s.radius + s.reach;
+    if (s.kind == CORNER_PART) {
+        side = dot(a, n) > 0 ? -1 : 1, dist = side * above;  // of an open mesh the side of the box's centre
+        if ((side < 0 && f.is_solid) || dist <= -MESH_DEPTH) return false;
+    } else if (f.is_solid) {
+        side = 1, dist = above;
+        if (dist <= -s.radius - MESH_DEPTH) return false;
+    }
+    if (dist >= reach) return false;
+    hit.pos = s.at - above * n, hit.normal = side * n, hit.dist = dist - s.radius, hit.geom = f.geom;
+    return true;
 }
 #endif
 
@@ -203,7 +226,8 @@ FN bool mesh_touch(const Search& s, const Mesh& mesh, int candidate, PlaceBox bo
 }
 
 // Whether a touch remains one beside the hits, see `remains`.
-FN bool remains_on_mesh(const Search& s, const Found* found, const Touch& hit, real& order) {
+template <class Hits>
+FN bool remains_on_mesh(const Search& s, const Hits* found, const Touch& hit, real& order) {
     if (s.kind == BALL_PART)  // the centre is outside, as else there is one touch
         return hit.dist < s.reach && hit.dist >= -s.radius && is_above_planes(s, found, hit.pos);
     if (s.kind == CORNER_PART) return is_above_planes(s, found, hit.pos);
@@ -225,6 +249,9 @@ FN bool prepare(Search& s, PartKind kind, int end, real margin, const Mesh& mesh
     Bounds b = place(s, kind, end, margin, axes, geom);
     s.geom = at, s.first = -1;
     s.size = 0;
+#if LIMBS
+    s.on_plane = false;
+#endif
     if (kind == AXIS_PART && !is_long(s)) return false;
     const bool of_edges = kind == AXIS_PART || kind == BOX_PART;
     const Grid& grid = of_edges ? mesh.edges : mesh.faces;
@@ -237,6 +264,10 @@ FN bool prepare(Search& s, PartKind kind, int end, real margin, const Mesh& mesh
             if (!(u[k] >= 0 && u[k] < grid.size[k])) return false;
         const int* cell = row_of_cells(grid, (int)u[2], (int)u[1]) + (int)u[0];
         s.first = cell[0], s.size = cell[1] - s.first;
+#if LIMBS
+        const int plane = grid.planes[cell - grid.cells];
+        if (s.size && plane >= 0) s.on_plane = true, s.first = plane;
+#endif
         return s.size > 0;
     }
     if (!of_edges) b.half = far * Vec{1, 1, 1};

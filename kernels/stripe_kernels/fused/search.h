@@ -54,15 +54,16 @@ struct Grid {
     const int* cells;   // place of the first item of each cell; behind it those of the next cell
     const int* items;   // numbers of the faces or edges, cell by cell
     const void* things; // MeshFace or MeshEdge
-    const void* none;
+    const int* planes;  // of each cell a face for whose plane all of its faces may be taken, or -1; none for edges
 };
-// A grid of distances to the nearest face, as in mesh_grid.py: no point of a cell is nearer to one than the cell says.
+// A grid of distances to the nearest face and the nearest edge, as in mesh_grid.py: no point of a cell is nearer to one than the
+// cell says.
 struct Clearance {
     float low[3], cells_per_metre;
     int size[3];
     float unit;                  // of the numbers of the cells [m]
-    const unsigned char* cells;  // inside of a solid they are 0
-    const void* none;
+    const unsigned short* cells;  // to faces, which is 0 inside of a solid, and 256 times that to edges
+    float metres_per_cell, none;
 };
 // Meshes that do not move, together. What can touch an edge is on the outside of a bend.
 struct Mesh {
@@ -108,6 +109,9 @@ struct Search {
     unsigned char most, count;  // hits that it may have and has
     bool inside;                // whether a ball's centre is inside the ground
     bool ended;
+#if LIMBS
+    bool on_plane;              // whether its candidates are the plane of a face, the number of which is `first`
+#endif
     unsigned char hit[4];       // their numbers among the touches that were found
 #if SEARCH_LANES > 1
     unsigned outside;         // order of the nearest face that a ball's centre is in front of and that it does not touch
@@ -194,7 +198,8 @@ FN bool is_behind_outside(const Search& s) { return s.order >= s.outside; }
 #endif
 
 // Whether a point is above the tangent planes of a search's hits: those of a smooth surface are one touch.
-FN bool is_above_planes(const Search& s, const Found* found, Vec point) {
+template <class Hits>
+FN bool is_above_planes(const Search& s, const Hits* found, Vec point) {
 #pragma unroll 1
     for (int i = 0; i < s.count; i++)
         if (dot(point - found[s.hit[i]].touch.pos, found[s.hit[i]].touch.normal) <= (real)1e-4) return false;
@@ -202,7 +207,8 @@ FN bool is_above_planes(const Search& s, const Found* found, Vec point) {
 }
 
 // Whether a point is at least 1 mm away from the hits.
-FN bool is_apart(const Search& s, const Found* found, Vec point) {
+template <class Hits>
+FN bool is_apart(const Search& s, const Hits* found, Vec point) {
 #pragma unroll 1
     for (int i = 0; i < s.count; i++) {
         Vec d = point - found[s.hit[i]].touch.pos;

@@ -5,7 +5,8 @@
 namespace fused {
 
 // Whether a touch is still one beside the hits that there are, and then its order.
-FN bool remains(const Search& s, const Found* found, const Touch& hit, real& order) {
+template <class Hits>
+FN bool remains(const Search& s, const Hits* found, const Touch& hit, real& order) {
     if (s.ended) return false;
     if (!s.count) return true;
 #if HAS_MESHES

@@ -1,0 +1,315 @@
+// SPDX-License-Identifier: Apache-2.0
+// Limb search: contacts of limbs on a GPU, where the lanes of a warp search for touches on height fields and meshes together.
+//
+// Robots differ in what is near them, and a warp takes as long as its busiest lane. So a lane only finds out which geoms of its
+// limb are near. The parts of those geoms are shared out over the lanes of the warp, and then the triangles near the parts. A
+// lane takes the hits of its limb's parts in their order, so that neither their number nor their order depends on the others.
+
+#if WARP_SEARCHES
+namespace fused {
+
+enum { MOST_SEARCHES = 48 };  // at a time; a warp of robots that stand has 30 to 70 parts with candidates
+
+struct Kept {
+    Touch touch;
+};
+// What the lanes of a warp share.
+struct alignas(16) WarpSearches {
+    unsigned long long best[MOST_SEARCHES];  // order and number of the best candidate of a round
+    unsigned long long own[32];              // of each lane: the searches for its pairs
+    Search search[MOST_SEARCHES];
+    Kept found[MOST_SEARCHES][4];            // hits; behind them that of the best candidate of a round
+    unsigned outside[MOST_SEARCHES];         // order of the nearest face that a ball is in front of and does not touch
+    int touches[MOST_SEARCHES];
+    unsigned short listed[64];               // parts that are to be prepared: see `PartOfLane`
+    unsigned short part[MOST_SEARCHES];
+    bool far[MOST_SEARCHES];                 // whether such faces are asked for
+};
+static_assert(sizeof(WarpSearches) <= 4 * WARP_SEARCHES_SIZE, "size of WarpSearches");
+
+FN WarpSearches& warp_searches() {
+    extern __shared__ char dynamic_smem_base[];
+    return ((WarpSearches*)(dynamic_smem_base + sizeof(Tables) + WORLDS_PER_BLOCK * sizeof(World)))[threadIdx.x / 32];
+}
+
+// A part that a lane of the warp has found near: its number among the pairs of the lane's limb.
+struct PartOfLane {
+    int lane, number;
+};
+FN unsigned short packed(PartOfLane p) { return (unsigned short)(p.lane << 8 | p.number); }
+FN PartOfLane unpacked(unsigned short x) { return PartOfLane{x >> 8, x & 255}; }
+
+// The world of a lane of the warp, and its parameters.
+FN World& world_of(int lane) {
+    extern __shared__ char dynamic_smem_base[];
+    return ((World*)(dynamic_smem_base + sizeof(Tables)))[(threadIdx.x / 32 * 32 + lane) / LANES];
+}
+FN Parameters parameters_of(const Parameters& P, int lane) {
+    return Parameters{P.m, P.id + (lane / LANES - (int)(threadIdx.x % 32) / LANES), P.num_worlds};
+}
+// Lanes of the warp, without those of worlds that are missing.
+FN int lanes_of_warp(const Parameters& P) {
+    const int worlds = P.num_worlds - (P.id - (int)(threadIdx.x % 32) / LANES);
+    return worlds < 32 / LANES ? worlds * LANES : 32;
+}
+
+// The geom of a searched pair on its ground.
+FN OnGround pair_on_ground(const World& w, const Parameters& P, int p) {
+    const int g = contact_geom2(p);
+    return on_ground(ground_of(w, P, p, geom_body(g)), geom_of(w, P, g));
+}
+
+// A hit of a limb's pair: in the world, or on the ground of a searched pair.
+struct PairHit {
+    Hit hit;
+    int geom;
+    short pair;
+    bool on_ground;
+};
+// Contacts of a limb that have been found so far.
+struct PairHits {
+    PairHit* hits;
+    int count, overflow;
+};
+FN void add(PairHits& found, const PairHit& hit) {
+    if (found.count == LIMB_CONTACTS) found.overflow |= OVERFLOW_CONTACTS;
+    else found.hits[found.count++] = hit;
+}
+
+// Hits of a pair of primitives, of which `own` moves.
+FN void add_primitive(PairHits& found, const World& w, const Parameters& P, int p, const Geom& own, int g) {
+    const int a = contact_geom1(p);
+    const bool is_plane = contact_kind(p) <= PLANE_CYLINDER, is_first = g == a;
+    const Geom still = is_plane ? plane_of(w, p) : static_geom(w, P, is_first ? contact_geom2(p) : a, geom_body(g));
+    if (!is_plane && are_far(still, own, margin_of(P, p))) return;
+    if (!has_both(P, p)) return;
+    Hits hits;
+    primitive_hits(hits, p, margin_of(P, p), is_first ? own : still, is_first ? still : own);
+    ROLLED for (int i = 0; i < hits.count; i++) add(found, PairHit{hits.hit[i], a, (short)p, false});
+}
+
+// Look at the geoms of a limb: add the hits of primitives, and return which of its pairs are of parts that are near a ground.
+FN unsigned long long look_at_geoms(PairHits& found, const World& w, const Parameters& P, int slot) {
+    unsigned long long near = 0;
+    const int first = limb_pair_start(slot), end = limb_geom_start(slot + 1);
+    ROLLED for (int k = limb_geom_start(slot); k < end; k++) {
+        const int g = limb_geom(k), searched = limb_geom_search(k), last = limb_geom_pair(k + 1);
+        const Geom own = geom_of(w, P, g);
+        ROLLED for (int t = limb_geom_pair(k); t < searched; t++) add_primitive(found, w, P, limb_pair(t), own, g);
+        ROLLED for (int t = searched, parts; t < last; t += parts) {
+            const int p = limb_pair(t);
+            parts = limb_parts(t);
+            if (!has_both(P, p)) continue;
+            const OnGround o = on_ground(ground_of(w, P, p, geom_body(g)), own);
+            const Near ground = near_ground(o, P, p);
+            if (!ground.faces && !ground.edges) continue;
+            ROLLED for (int i = 0; i < parts; i++)
+                if (is_part_near(ground, ground_part(limb_pair(t + i)))) near |= 1ull << (t + i - first);
+        }
+    }
+    return near;
+}
+
+// A number of the same order as a real one.
+FN unsigned in_order(real x) {
+    const unsigned bits = __float_as_uint(x);
+    return bits ^ (bits >> 31 ? 0xffffffffu : 0x80000000u);
+}
+
+// The touch of a candidate of a search for a part of the lane `lane` of the warp.
+FN bool touch_of(const Search& s, const Parameters& P, int lane, int candidate, bool far, Touch& hit, real& order) {
+    const int p = s.pair;
+    const auto box = [&] {
+        const OnGround o = pair_on_ground(world_of(lane), parameters_of(P, lane), p);
+        return box_in(o.axes, o.geom);
+    };
+#if HAS_MESHES
+    if (is_on_mesh(p)) return mesh_touch(s, mesh_of(P, p), candidate, box, far, hit, order);
+    hit.geom = -1;
+#endif
+#if HAS_FIELDS
+    return field_touch(s, patch_at(field_of(P, contact_geom1(p)), s.geom), candidate, box, hit, order);
+#else
+    return false;
+#endif
+}
+
+// Number the candidates of all searches that go on, and begin a round of them. Returns the number of candidates.
+FN int begin_round(WarpSearches& all, int count, int lane, int lanes) {
+    int total = 0;
+    ROLLED for (int first = 0; first < count; first += lanes) {
+        const int k = first + lane;
+        const int mine = k < count && !all.search[k].ended ? all.search[k].size : 0;
+        int sum = mine;
+        ROLLED for (int by = 1; by < 32; by *= 2) {
+            const int other = __shfl_up_sync(0xffffffffu, sum, by, 32);
+            if (lane >= by) sum += other;
+        }
+        if (k < count) all.search[k].start = total + sum - mine, all.best[k] = ~0ull, all.outside[k] = ~0u, all.touches[k] = 0;
+        total += __shfl_sync(0xffffffffu, sum, lanes - 1, 32);
+    }
+    SYNC_WARP();
+    return total;
+}
+
+// The search of a candidate: the last that starts there, as those before it are empty.
+FN int search_of(const WarpSearches& all, int count, int candidate) {
+    int k = 0;
+    ROLLED for (int by = 32; by; by /= 2)
+        if (k + by < count && all.search[k + by].start <= candidate) k += by;
+    return k;
+}
+
+// Find the touches of a round, of which each search keeps the best.
+FN void find_touches(WarpSearches& all, const Parameters& P, int count, int candidates, int lane, int lanes) {
+    ROLLED for (int first = 0; first < candidates; first += lanes) {
+        const int c = first + lane;
+        int k = 0;
+        Touch hit;
+        unsigned long long key = ~0ull;
+        if (c < candidates) {
+            k = search_of(all, count, c);
+            const Search& s = all.search[k];
+            const int candidate = c - s.start;
+            const bool far = all.far[k];
+            real order;
+            if (touch_of(s, P, unpacked(all.part[k]).lane, candidate, far, hit, order)) {
+                if (far && hit.dist >= s.reach) atomicMin(&all.outside[k], in_order(order));
+                else {
+                    atomicAdd(&all.touches[k], 1);
+                    if (remains(s, all.found[k], hit, order)) {
+                        key = (unsigned long long)in_order(order) << 32 | (unsigned)candidate;
+                        atomicMin(&all.best[k], key);
+                    }
+                }
+            }
+        }
+        SYNC_WARP();
+        if (key != ~0ull && all.best[k] == key) all.found[k][all.search[k].count].touch = hit;
+    }
+    SYNC_WARP();
+}
+
+// Make the best candidate of a round the next hit of its search.
+FN void take_best(WarpSearches& all, int k) {
+    Search& s = all.search[k];
+    if (all.best[k] == ~0ull) {
+        s.ended = true;
+        return;
+    }
+    const Touch hit = all.found[k][s.count].touch;
+#if HAS_MESHES
+    // Faces that a ball is in front of and does not touch are asked for if it is behind another one.
+    if (is_on_mesh(s.pair) && s.kind == BALL_PART && s.count == 0 && hit.dist < -s.radius) {
+        if (all.far[k] && (unsigned)(all.best[k] >> 32) >= all.outside[k]) {
+            s.ended = true;
+            return;
+        }
+        all.far[k] = !all.far[k];
+        if (all.far[k]) return;
+    }
+#endif
+    accept(s, s.count, hit);
+    if (all.touches[k] == s.count) s.ended = true;
+}
+
+// Find the hits of some searches, and add each to those of the lane that it belongs to.
+FN void find_hits(PairHits& found, WarpSearches& all, const Parameters& P, int count, int lane, int lanes) {
+    all.own[lane] = 0;
+    ROLLED while (int candidates = begin_round(all, count, lane, lanes)) {
+        find_touches(all, P, count, candidates, lane, lanes);
+        ROLLED for (int k = lane; k < count; k += lanes)
+            if (!all.search[k].ended) take_best(all, k);
+        SYNC_WARP();
+    }
+    ROLLED for (int k = lane; k < count; k += lanes)
+        if (all.search[k].count) atomicOr(&all.own[unpacked(all.part[k]).lane], 1ull << k);
+    SYNC_WARP();
+    ROLLED for (unsigned long long own = all.own[lane]; own; own &= own - 1) {
+        const int k = __ffsll(own) - 1;
+        const Search& s = all.search[k];
+        ROLLED for (int i = 0; i < s.count; i++) {
+            const Touch& h = all.found[k][i].touch;
+#if HAS_MESHES
+            const int geom = h.geom < 0 ? contact_geom1(s.pair) : h.geom;
+#else
+            const int geom = contact_geom1(s.pair);
+#endif
+            add(found, PairHit{Hit{h.dist, h.pos, h.normal, Vec{0, 0, 0}}, geom, s.pair, true});
+        }
+    }
+    SYNC_WARP();
+}
+
+// Prepare the search for a part of the warp, which may have a hit already; see `prepare`. `l` is the number of the limb of a lane.
+FN void prepare(Search& s, Touch& hit, const Parameters& P, PartOfLane part, int l) {
+    const World& w = world_of(part.lane);
+    const Parameters Q = parameters_of(P, part.lane);
+    const int p = limb_pair(limb_pair_start(slot_of(l, part.lane % LANES)) + part.number);
+    prepare(s, hit, pair_on_ground(w, Q, p), Q, p);
+}
+
+// Hits of the pairs of a slot.
+FN void find_pair_hits(PairHits& found, const World& w, const Parameters& P, int slot, int l) {
+    const int lane = threadIdx.x % 32, lanes = lanes_of_warp(P);
+    unsigned long long near = look_at_geoms(found, w, P, slot);
+    WarpSearches& all = warp_searches();
+    int listed = 0, count = 0;
+    ROLLED for (;;) {
+        // Each lane lists its next part in turn, so that a lane's limb has few of the parts that are searched at a time.
+        bool is_more = any_in_warp(near != 0);
+        ROLLED while (is_more && listed < lanes) {
+            const unsigned votes = __ballot_sync(0xffffffffu, near != 0);
+            if (near) all.listed[listed + __popc(votes & (1u << lane) - 1)] = packed(PartOfLane{lane, __ffsll(near) - 1});
+            near &= near - 1, listed += __popc(votes);
+            is_more = any_in_warp(near != 0);
+        }
+        const bool is_last = listed == 0;
+        const int taken = listed < lanes ? listed : lanes;
+        unsigned short part = 0, next = 0;
+        Search s;
+        Touch hit;
+        s.size = s.count = 0;
+        SYNC_WARP();
+        if (lane < taken) part = all.listed[lane], prepare(s, hit, P, unpacked(part), l);
+        if (lanes + lane < listed) next = all.listed[lanes + lane];
+        SYNC_WARP();
+        if (lanes + lane < listed) all.listed[lane] = next;
+        listed -= taken;
+        const bool is_found = s.size > 0 || s.count > 0;
+        const unsigned votes = __ballot_sync(0xffffffffu, is_found);
+        // In one place, as its code is long.
+        if (count && (is_last || count + __popc(votes) > MOST_SEARCHES)) find_hits(found, all, P, count, lane, lanes), count = 0;
+        if (is_last) break;
+        const int k = count + __popc(votes & (1u << lane) - 1);
+        if (is_found) {
+            s.ended = s.size == 0;
+            all.search[k] = s, all.part[k] = part, all.far[k] = false;
+            if (s.count) all.found[k][0].touch = hit;
+        }
+        count += __popc(votes);
+        SYNC_WARP();
+    }
+}
+
+// Contacts of a slot, the limb `l` of its lane. Returns their number.
+FN int limb_contacts(LimbContact* contacts, const World& w, const Parameters& P, const Limb& L, int slot, int l, int& rows, int& overflow) {
+    PairHit hits[LIMB_CONTACTS ? LIMB_CONTACTS : 1];
+    PairHits found{hits, 0, 0};
+    find_pair_hits(found, w, P, slot, l);
+    overflow |= found.overflow;
+    ROLLED for (int c = 0; c < found.count; c++) {
+        const int p = hits[c].pair;
+        Hit hit = hits[c].hit;
+        if (hits[c].on_ground) {
+            const OnGround o = pair_on_ground(w, P, p);
+            hit = in_world(hit.dist, hit.pos, hit.normal, o);
+        }
+        set_contact(contacts[c], w, P, L, slot, p, hits[c].geom, hit);
+        rows += contacts[c].rows;
+    }
+    return found.count;
+}
+
+}  // namespace fused
+#endif
