@@ -36,7 +36,7 @@ def front_camera(pos: tuple[float, float, float], pitch: float) -> TiledCameraCf
     return TiledCameraCfg(
         prim_path="{ENV_REGEX_NS}/Camera",
         offset=TiledCameraCfg.OffsetCfg(pos=pos, rot=(x, y, z, w), convention="world"),
-        spawn=PinholeCameraCfg(focal_length=1.0, horizontal_aperture=1.2, clipping_range=(0.05, 5.0)),
+        spawn=PinholeCameraCfg(focal_length=1.0, horizontal_aperture=0.9, clipping_range=(0.05, 5.0)),
         width=64,
         height=64,
         data_types=("rgb",),
@@ -47,7 +47,7 @@ def front_camera(pos: tuple[float, float, float], pitch: float) -> TiledCameraCf
 class LiftCameraSceneCfg(LiftSceneCfg):
     """Scene of the lift with a camera in front of the arm."""
 
-    tiled_camera: TiledCameraCfg = front_camera(pos=(1.3, 0.0, 0.6), pitch=0.5)
+    tiled_camera: TiledCameraCfg = front_camera(pos=(1.25, 0.0, 0.65), pitch=0.52)
 
 
 @configclass
