@@ -105,6 +105,11 @@ TASKS = {
         "stripe_tasks.locomotion.manager_based:HumanoidManagerEnvCfg",
         "stripe_tasks.locomotion.manager_based:HumanoidManagerPPORunnerCfg",
     ),
+    "Stripe-Lift-Cube-Panda-Camera-v0": (
+        "stripe_tasks.manipulation.lift:LiftEnv",
+        "stripe_tasks.manipulation.lift_camera:LiftCameraEnvCfg",
+        "stripe_tasks.manipulation.lift_camera:LiftCameraPPORunnerCfg",
+    ),
     "Stripe-Lift-Cube-Panda-v0": (
         "stripe_tasks.manipulation.lift:LiftEnv",
         "stripe_tasks.manipulation.lift:LiftEnvCfg",
@@ -253,6 +258,7 @@ WHAT = {
     "Getup-Flat-G1": "Unitree's G1, a humanoid, gets up from any fall",
     "Humanoid": "a humanoid runs toward a goal far away",
     "Lift-Cube-Panda": "a Panda lifts a cube to a place",
+    "Lift-Cube-Panda-Camera": "a Panda lifts a cube to a place, by a camera",
     "Open-Cabinet-Panda": "a Panda opens a drawer",
     "PushBall-Ant": "an ant pushes a ball to a goal",
     "Quadcopter": "a quadcopter flies to a goal",

@@ -123,6 +123,26 @@ def test_gripper_closes_on_a_cube_and_holds_it(lift):
     assert np.linalg.norm(away, axis=1).max() < 0.03
 
 
+def test_lift_by_camera_sees_the_cube_in_its_picture_alone():
+    robot_file("panda")
+    env = make("Stripe-Lift-Cube-Panda-Camera-v0")
+    obs, _ = env.reset(seed=1)
+    assert obs["policy"].shape == (N, 33)
+    assert obs["critic"].shape == (N, 36)
+    assert obs["picture"].shape == (N, 3, 64, 64)
+    cube = env.scene["object"]
+    cube_colors = obs["picture"].clone()
+    assert (cube_colors[0] - cube_colors[1]).abs().max() > 0.05, "light and colours differ"
+    pose = cube.data.root_pose_w.clone()
+    pose[:, 0] -= 50.0  # out of sight
+    cube.write_root_pose_to_sim(pose)
+    obs, *_ = env.step(torch.zeros(N, 8))
+    red = (cube_colors[:, 0] - cube_colors[:, 2]).flatten(1).amax(dim=1)
+    without = (obs["picture"][:, 0] - obs["picture"][:, 2]).flatten(1).amax(dim=1)
+    assert (red > without + 0.1).all(), (red, without)
+    env.close()
+
+
 # -- cabinet
 
 

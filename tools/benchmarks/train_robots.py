@@ -36,11 +36,14 @@ TASKS = (
     "Stripe-Open-Cabinet-Panda-v0:400",
     "Stripe-Velocity-Rough-Go1-v0:1000",
     "Stripe-Velocity-Rough-Go2-v0:1000",
+    "Stripe-Velocity-Rough-AnymalC-v0:1000",
     "Stripe-Velocity-Rough-G1-v0:2000",
     "Stripe-Repose-Cube-Allegro-Direct-v0:2000",
     "Stripe-Tracking-Flat-G1-v0:3000",
     "Stripe-Getup-Flat-G1-v0:1000",
     "Stripe-Cartpole-Camera-Direct-v0:300@1024",
+    "Stripe-Lift-Cube-Panda-Camera-v0:2000@1024",
+    "Stripe-Velocity-Rough-Quadruped-Depth-v0:300@1024",
 )
 """What is trained where nothing is named: task and iterations, the shortest first."""
 HEAD = "| task | device | envs | iterations | seed | samples/s | time | 90 % after | result |"
@@ -93,25 +96,41 @@ def motion_options(task: str, motions: list[str], whole: bool) -> list[str]:
     return options
 
 
+def teacher_options(job: Job, out: Path) -> list[str]:
+    """Options of a task by depth: its teacher's run, the last one in ``out`` or else a new one."""
+    if "-Depth-" not in job.task:
+        return []
+    task = job.task.replace("-Depth-", "-")
+    logs = sorted(out.glob(f"{task}-{job.seed}-train.log"))
+    found = re.findall(r"run folder: (.*)", logs[-1].read_text()) if logs else []
+    folder = found[-1].strip() if found else str(train(Job(task, None, None, job.seed), out, [])[0])
+    return ["--teacher", folder]
+
+
 def train(job: Job, out: Path, motions: list[str]) -> tuple[Path, float]:
-    """Train; returns the run folder and the seconds of the whole command."""
+    """Train; returns the run folder and the seconds of the whole command, without those of a teacher."""
     name = f"{job.task}-{job.seed}"
     words = ["train", job.task, "--seed", str(job.seed), "--log-dir", str(out / "logs")]
     words += ["--max-iterations", job.iterations] if job.iterations else []
     words += ["--num-envs", job.num_envs] if job.num_envs else []
+    words += teacher_options(job, out)
     start = time.perf_counter()
     text = run(out / f"{name}-train.log", *words, *motion_options(job.task, motions, whole=False))
     return Path(re.findall(r"run folder: (.*)", text)[-1].strip()), time.perf_counter() - start
 
 
 def evaluate(job: Job, folder: Path, out: Path, episodes: int, motions: list[str]) -> str:
-    """Evaluate; returns success or share of falls, length and the task's metrics in a few words."""
+    """Evaluate; returns success, or else the return, share of falls, length and the task's metrics in a few words."""
     report = out / f"{job.task}-{job.seed}.json"
     words = ["eval", job.task, "--checkpoint", str(folder), "--episodes", str(episodes), "--json", str(report)]
     words += ["--num-envs", str(min(episodes, 1024))]
     run(out / f"{job.task}-{job.seed}-eval.log", *words, *motion_options(job.task, motions, whole=True))
     found = json.loads(report.read_text())
     parts = [f"success {100.0 * found['success_rate']:.1f} %"] if found.get("success_rate") is not None else []
+    if "Tracking" in job.task:  # an episode goes on to the end of the motion unless the robot is far from it
+        parts.append(f"tracked to the end {100.0 * (1.0 - found['terminated_rate']):.1f} %")
+    elif not parts:
+        parts.append(f"return {found['mean_return']:.4g}")
     parts.append(f"ended early {100.0 * found['terminated_rate']:.1f} %")
     parts.append(f"length {found['mean_length']:.0f} of {found['max_length']}")
     parts += [f"{name} {value:.3g}" for name, value in found["metrics"].items()]
@@ -125,7 +144,8 @@ def row(job: Job, out: Path, episodes: int, motions: list[str]) -> str:
     try:
         folder, seconds = train(job, out, motions)
         curve = read_metrics(folder / "metrics.csv")
-        elapsed, returns = curve["elapsed_s"], curve["Train/mean_reward"]
+        elapsed = curve["elapsed_s"]
+        returns = curve.get("Train/mean_reward", [math.nan] * len(elapsed))  # none where no episode has ended yet
         best = max((x for x in returns if not math.isnan(x)), default=math.nan)
         # A share of the way from the first return, as returns may be negative.
         first = next((x for x in returns if not math.isnan(x)), math.nan)
