@@ -137,6 +137,16 @@ def test_the_config_says_where_the_camera_is(env):
         np.testing.assert_allclose(eye, (4.0, 0.0, 1.0), atol=1e-6)
 
 
+def test_the_first_view_comes_back_with_its_field_of_view(viewer):
+    first = viewer.camera.fov.value
+    viewer.camera.fov.value = 70
+    looks(viewer, 1)
+    assert viewer.server.initial_camera.fov == pytest.approx(np.radians(70.0))
+    viewer.camera.frame()
+    assert viewer.camera.fov.value == first
+    assert viewer.server.initial_camera.fov == pytest.approx(np.radians(first))
+
+
 def test_the_status_says_episode_and_rewards(viewer, env):
     take(viewer, env, 4)
     viewer.envs.number.value = 2

@@ -119,7 +119,9 @@ class CameraControl:
         camera.near, camera.far = min(0.05, 0.05 * self.radius), 2000.0
 
     def frame(self) -> None:
-        """Give all browsers the first view of the chosen environment."""
+        """Give all browsers the first view of the chosen environment, with the first field of view."""
+        self.fov.value = round(self._cfg.fov)
+        self._set_fov()
         for client in self._server.get_clients().values():
             with client.atomic():
                 client.camera.position, client.camera.look_at = _triple(self._eye), _triple(self._target)
