@@ -67,5 +67,6 @@ class RunReport:
         except (OSError, CompareError) as error:
             # A full disk: once, as the checkpoints say it, too.
             if not self._warned:
-                print(f"\nwarning: no report: {error}", file=sys.stderr)
+                why = error.strerror if isinstance(error, OSError) else error
+                print(f"\nwarning: {REPORT_NAME}: could not be written: {why}", file=sys.stderr)
             self._warned = True
