@@ -112,9 +112,14 @@ def _end(number: int, frame: types.FrameType | None) -> None:
     # watching thread comes first where it can run.
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(GRACE_S + 2)
-    if number != signal.SIGHUP:  # after that there is no terminal to print to
-        print(f"ended by {signal.Signals(number).name}", file=sys.stderr)
+    _tell(number)
     raise EndedBySignal(128 + number)
+
+
+def _tell(number: int) -> None:
+    if number != signal.SIGHUP:  # after that there is no terminal to print to
+        text = "interrupted" if number == signal.SIGINT else f"ended by {signal.Signals(number).name}"
+        print(text, file=sys.stderr)
 
 
 def _interrupt(number: int, frame: types.FrameType | None) -> None:
@@ -131,6 +136,7 @@ def _put_off(handler: Handler, number: int, frame: types.FrameType | None) -> bo
     now = time.monotonic()
     _put_off_since = _put_off_since or now
     if not _has_begun or now - _put_off_since > _LONGEST_IMPORT_S:
+        _tell(number)
         leave(128 + number)
     _call_soon(handler, number)
     return True

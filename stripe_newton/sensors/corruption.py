@@ -107,7 +107,8 @@ class Corruption:
             due: Environments, bool, shape ``(num_envs,)``.
         """
         counters = [self._rng, self._first, self._measured]
-        wp.launch(kernels.begin_corruption, dim=self._count, inputs=[due, self._draws], outputs=counters)
+        inputs = [due, self._draws, self._ring.shape[1]]
+        wp.launch(kernels.begin_corruption, dim=self._count, inputs=inputs, outputs=counters)
         inputs = [due, self._steps, self._bias, self._first, self._measured, self.raw]
         wp.launch(kernels.corrupt, dim=self.raw.shape, inputs=inputs, outputs=[self._ring, self.out])
 

@@ -79,7 +79,7 @@ class DepthNoise:
     def launch(self, due: wp.array) -> None:
         """Compute :attr:`out` where an image was taken; ``due`` is bool, shape ``(num_envs,)``."""
         counters = [self._rng, self._first, self._measured]
-        wp.launch(begin_corruption, dim=self._count, inputs=[due, self._draws], outputs=counters)
+        wp.launch(begin_corruption, dim=self._count, inputs=[due, self._draws, 1], outputs=counters)
         inputs = [due, self._noise, self._first, self._raw]
         wp.launch(kernels.add_depth_noise, dim=self._raw.shape, inputs=inputs, outputs=[self.out])
 

@@ -109,7 +109,8 @@ class ImageCorruption:
             inputs = [due, self._count, self._lag, words]
             wp.launch(kernels.delay_words, dim=out.shape, inputs=inputs, outputs=[ring, out])
         if self._rings:
-            wp.launch(kernels.count_pictures, dim=self._num_envs, inputs=[due], outputs=[self._count])
+            depth = next(ring for _, ring, _ in self._rings.values()).shape[1]
+            wp.launch(kernels.count_pictures, dim=self._num_envs, inputs=[due, depth], outputs=[self._count])
 
     def restart(self, env_mask: wp.array) -> None:
         """Begin episodes; ``env_mask`` is bool, shape ``(num_envs,)``."""

@@ -18,6 +18,7 @@ __all__ = [
     "Noise",
     "begin_corruption",
     "corrupt",
+    "next_count",
     "restart_corruption",
     "uniform_at",
 ]
@@ -63,25 +64,44 @@ def _sample_at(env: int, n: wp.uint32, kind: int, a: float, b: float) -> float:
     return a
 
 
+@wp.func
+def next_count(count: int, depth: int) -> int:
+    """The count of one more measurement, by whole rings of ``depth`` less once it exceeds two of them.
+
+    The entry of the ring, ``count % depth``, is that of the full count, and a count above ``depth`` stays above it. The
+    full count would overflow in an episode of 2^31 measurements.
+    """
+    more = count + 1
+    if more >= 2 * depth + 2:
+        return more - depth
+    return more
+
+
 @wp.kernel(enable_backward=False)
 def begin_corruption(
-    due: wp.array[wp.bool], draws: int, rng: wp.array[wp.uint32], first: wp.array[wp.uint32], count: wp.array[int]
+    due: wp.array[wp.bool],
+    draws: int,
+    depth: int,
+    rng: wp.array[wp.uint32],
+    first: wp.array[wp.uint32],
+    count: wp.array[int],
 ):
     """Reserve ``draws`` random numbers of each stream and count the measurement; one thread an environment.
 
     Args:
         due: Environments that measure, shape ``(num_envs,)``.
         draws: Random numbers that a measurement takes.
+        depth: Length of the ring of measurements that :func:`corrupt` gets.
         rng: Random streams, advanced, shape ``(num_envs,)``.
         first: Output, the first of the reserved numbers, shape ``(num_envs,)``.
-        count: Measurements in the episode, counted up, shape ``(num_envs,)``.
+        count: Measurements in the episode, counted up by :func:`next_count`, shape ``(num_envs,)``.
     """
     # A launch of its own: in ``corrupt`` the threads of an environment's floats would race for its stream.
     env = wp.tid()
     if due[env]:
         first[env] = rng[env]
         rng[env] = rng[env] + wp.uint32(draws)
-        count[env] = count[env] + 1
+        count[env] = next_count(count[env], depth)
 
 
 @wp.kernel(enable_backward=False)

@@ -4,6 +4,7 @@
 import warp as wp
 
 from ..mdp.random import uniform
+from .corruption import next_count
 
 __all__ = ["begin_episodes", "count_pictures", "delay_words", "fill_missing"]
 
@@ -37,11 +38,11 @@ def delay_words(
 
 
 @wp.kernel(enable_backward=False)
-def count_pictures(due: wp.array[wp.bool], count: wp.array[int]):
+def count_pictures(due: wp.array[wp.bool], depth: int, count: wp.array[int]):
     """Count the pictures of environments that took one; a launch of its own, since ``delay_words`` reads the count."""
     env = wp.tid()
     if due[env]:
-        count[env] = count[env] + 1
+        count[env] = next_count(count[env], depth)
 
 
 @wp.kernel(enable_backward=False)

@@ -67,5 +67,8 @@ class RunReport:
         except (OSError, CompareError) as error:
             # A full disk: once, as the checkpoints say it, too.
             if not self._warned:
-                print(f"\nwarning: no report: {error}", file=sys.stderr)
+                why = f"no report: {error}"
+                if isinstance(error, OSError):
+                    why = f"{REPORT_NAME}: could not be written: {error.strerror}"
+                print(f"\nwarning: {why}", file=sys.stderr)
             self._warned = True

@@ -87,8 +87,12 @@ class RunFolder:
     @classmethod
     def of_checkpoint(cls, checkpoint: Path) -> RunFolder | None:
         """The run folder of a checkpoint or an exported policy, or None if the file is in no run folder."""
-        run, inside = cls(checkpoint.resolve().parent.parent), checkpoint.resolve().parent
-        return run if inside in (run.checkpoints, run.exported) and run.params.is_dir() else None
+        # The second for a folder of checkpoints that is a link to another disk.
+        for file in (checkpoint.resolve(), checkpoint.absolute()):
+            run = cls(file.parent.parent)
+            if file.parent in (run.checkpoints, run.exported) and run.params.is_dir():
+                return run
+        return None
 
     def list_checkpoints(self) -> list[tuple[int, Path]]:
         """(iteration, file) of every checkpoint, oldest first."""
@@ -128,7 +132,7 @@ class RunFolder:
         if key in _held:  # by an outer context
             yield
             return
-        self._check_links()
+        self.check_links()
         lock = FileLock(self.path / LOCK_NAME)
         with self._says_os_errors():
             owner = lock.acquire()
@@ -150,7 +154,7 @@ class RunFolder:
         except OSError as error:
             raise CheckpointError(f"{self.path}: cannot be locked: {error.strerror or error}") from error
 
-    def _check_links(self) -> None:
+    def check_links(self) -> None:
         """Check that what is written below the folder stays there.
 
         Raises:
@@ -300,10 +304,12 @@ def find_run(path: str | os.PathLike) -> tuple[RunFolder | None, Path | None]:
     first one, so that it begins anew.
 
     Raises:
-        CheckpointError: if there is no such run or checkpoint.
+        CheckpointError: if there is no such run or checkpoint, or a part of the run is a link that leads out of it.
     """
     path = Path(path).expanduser()
     run = RunFolder(path)
+    if run.params.is_dir():
+        run.check_links()
     if run.params.is_dir() and not run.list_checkpoints():
         run.read_params()  # which raises if they are damaged, before the run is built from them
         return run, None

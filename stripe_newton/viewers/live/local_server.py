@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import viser
-    from websockets.asyncio.server import Server, ServerConnection
+    from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Request, Response
+
+    Check = Callable[[ServerConnection, Request], Response | None]
 
 __all__ = ["LOOPBACK", "free_port", "quiet", "serve"]
 
@@ -55,21 +57,20 @@ def _refuse_other_pages() -> Iterator[None]:
     """
     import websockets.asyncio.server as module  # here, as it comes with viser
 
-    start = module.serve
+    start: Callable[..., object] = module.serve
 
     @functools.wraps(start)
-    def start_with_check(*args: object, **kwargs: object) -> Server:
-        kwargs["process_request"] = functools.partial(_check, kwargs.get("process_request"))
-        return start(*args, **kwargs)
+    def start_with_check(*args: object, process_request: Check | None = None, **kwargs: object) -> object:
+        return start(*args, process_request=functools.partial(_check, process_request), **kwargs)
 
-    module.serve = start_with_check
+    setattr(module, "serve", start_with_check)  # noqa: B010  (to type checkers it is a class)
     try:
         yield
     finally:
-        module.serve = start
+        setattr(module, "serve", start)  # noqa: B010
 
 
-def _check(then: Callable | None, connection: ServerConnection, request: Request) -> Response | None:
+def _check(then: Check | None, connection: ServerConnection, request: Request) -> Response | None:
     """Refuse a request of a page of another site (403), else answer as ``then`` does. Programs send no origin."""
     for origin in request.headers.get_all("Origin"):
         if not _OWN_PAGE.fullmatch(origin):

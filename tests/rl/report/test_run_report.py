@@ -195,7 +195,7 @@ def test_a_report_that_cannot_be_written_is_one_warning(tmp_path, capsys):
     report = RunReport(RunFolder(run))
     report.update()
     report.finish()
-    assert capsys.readouterr().err.count("warning: no report") == 1
+    assert capsys.readouterr().err.count("warning: report.html: could not be written") == 1
 
 
 def test_facts_are_read_as_they_were_written(tmp_path):

@@ -20,6 +20,7 @@ from stripe_newton.rl import (
     load_checkpoint,
 )
 from stripe_newton.rl.runs import run_folder
+from stripe_newton.rl.runs.run_folder import find_run
 from tests.helpers.fake_env import FakeCartEnv, FakeCartRunnerCfg
 from tests.helpers.fake_runner import flat, make_runner, rnd_cfg, rnn_cfg, rows
 
@@ -167,6 +168,17 @@ def test_a_second_training_in_one_folder_is_refused(tmp_path, monkeypatch):
     (tmp_path / "videos").symlink_to(outside)
     with pytest.raises(CheckpointError, match=r"videos: is a link to .*outside, outside of the run folder; remove it"):
         second.learn()
+
+
+def test_a_run_whose_checkpoints_are_a_link_is_read_and_not_written(tmp_path):
+    folder = make_runner(tmp_path / "run").run_folder
+    make_runner(tmp_path / "run").learn()
+    os.rename(folder.checkpoints, tmp_path / "elsewhere")
+    folder.checkpoints.symlink_to(tmp_path / "elsewhere")
+    newest = find_checkpoint(folder.path)
+    assert RunFolder.of_checkpoint(newest).path == folder.path
+    with pytest.raises(CheckpointError, match=r"checkpoints: is a link to .*elsewhere, outside of the run folder"):
+        find_run(folder.path)
 
 
 def test_a_run_says_what_its_checkpoints_will_take(tmp_path, capsys, monkeypatch):
