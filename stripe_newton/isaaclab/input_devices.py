@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-__all__ = ["DeviceBase", "Se2Device", "Se3Device"]
+__all__ = ["DeviceBase", "HaplyDevice", "Se2Device", "Se3Device"]
 
 
 class DeviceBase:
@@ -42,3 +42,11 @@ class Se3Device(DeviceBase):
     def advance(self) -> torch.Tensor:
         """No motion, and an open gripper: displacement, rotation vector and 1, shape ``(7,)``."""
         return torch.tensor([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+
+class HaplyDevice(DeviceBase):
+    """A handle that is held in space."""
+
+    def advance(self) -> torch.Tensor:
+        """Position, quaternion (x, y, z, w) and three buttons that nobody presses, shape ``(10,)``."""
+        return torch.tensor([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])

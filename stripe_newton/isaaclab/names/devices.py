@@ -15,7 +15,7 @@ def _devices(names: str, kind: str) -> Table:
 
 _BY_MODULE = {
     "gamepad": _devices("Se2Gamepad", "Se2Device") | _devices("Se3Gamepad", "Se3Device"),
-    "haply": _devices("HaplyDevice", "DeviceBase"),
+    "haply": _devices("HaplyDevice", "HaplyDevice"),
     "keyboard": _devices("Se2Keyboard", "Se2Device") | _devices("Se3Keyboard", "Se3Device"),
     "spacemouse": _devices("Se2SpaceMouse", "Se2Device") | _devices("Se3SpaceMouse", "Se3Device"),
 }
