@@ -50,3 +50,7 @@ class HaplyDevice(DeviceBase):
     def advance(self) -> torch.Tensor:
         """Position, quaternion (x, y, z, w) and three buttons that nobody presses, shape ``(10,)``."""
         return torch.tensor([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+
+    def push_force(self, forces: torch.Tensor, position: torch.Tensor) -> torch.Tensor:
+        """Do nothing: nobody feels the forces. Returns the first of them, or zero if there is none."""
+        return forces[0] if len(forces) else torch.zeros(3)

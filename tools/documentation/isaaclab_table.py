@@ -41,6 +41,8 @@ _REASONS = (
     (r"ModuleNotFoundError: No module named '(\w+)'.*", r"needs the package `\1`"),
     (r".*: models\S*: (.*); train this task with skrl itself.*", r"no agent of rsl_rl; that of skrl: \1"),
     (r".*returned shape .*, must be \(num_envs, size\) = .*", "the shape of an observation term changes"),
+    (r".*: no body or site at '[^']*/(\w+)'.*", r"the robot's file has no body `\1`"),
+    (r".*'NoneType' object has no attribute 'default'", "changes prims of every environment; the stage has one"),
     (r"SystemExit: 2", "needs an option with a file of the user's"),
     (r"the process ended with .*|took more than .*", r"\g<0>"),
 )
