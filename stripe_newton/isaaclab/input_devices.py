@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import Enum
 from typing import Any
 
 import torch
@@ -13,6 +14,15 @@ __all__ = ["DeviceBase", "HaplyDevice", "Se2Device", "Se3Device"]
 
 class DeviceBase:
     """A device without input."""
+
+    class TrackingTarget(Enum):
+        """What a headset follows, as configs of devices name it."""
+
+        HAND_LEFT = 0
+        HAND_RIGHT = 1
+        HEAD = 2
+        CONTROLLER_LEFT = 3
+        CONTROLLER_RIGHT = 4
 
     def __init__(self, *args: object, **kwargs: object):
         """Take the arguments of any device."""
