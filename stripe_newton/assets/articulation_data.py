@@ -64,6 +64,8 @@ class ArticulationData(RootData):
         """Inertia added to the joints [kg or kg m^2] (view), shape ``(num_envs, num_joints)``."""
         self.joint_friction_coeff = sim.per_env(model.joint_friction)[:, dofs]
         """Coulomb friction of the joints [N or N m] (view), shape ``(num_envs, num_joints)``."""
+        self.joint_viscous_friction_coeff = sim.per_env(model.joint_damping)[:, dofs]
+        """Passive damping of the joints [N s/m or N m s/rad] (view), shape ``(num_envs, num_joints)``."""
         self.joint_effort_limits = sim.per_env(model.joint_effort_limit)[:, dofs]
         """Largest efforts [N or N m] (view), shape ``(num_envs, num_joints)``."""
         self.joint_vel_limits = sim.per_env(model.joint_velocity_limit)[:, dofs]
@@ -74,6 +76,16 @@ class ArticulationData(RootData):
         self._explicit = torch.from_numpy(sim.actuation.explicit[dofs]).to(sim.device)
         self._soft = soft_limit_factor
         self._previous_vel = sim.per_env(sim.previous_joint_qd)[:, dofs]
+        self.default_joint_stiffness = self.joint_stiffness.clone()
+        """:attr:`joint_stiffness` as built."""
+        self.default_joint_damping = self.joint_damping.clone()
+        """:attr:`joint_damping` as built."""
+        self.default_joint_armature = self.joint_armature.clone()
+        """:attr:`joint_armature` as built."""
+        self.default_joint_friction_coeff = self.joint_friction_coeff.clone()
+        """:attr:`joint_friction_coeff` as built."""
+        self.default_joint_viscous_friction_coeff = self.joint_viscous_friction_coeff.clone()
+        """:attr:`joint_viscous_friction_coeff` as built."""
 
     @property
     def joint_acc(self) -> torch.Tensor:

@@ -21,6 +21,7 @@ from stripe_newton.assets.parent_pose import pose_above
 from stripe_newton.assets.root_writer import EnvIds
 from stripe_newton.configclass import configclass
 
+from .joint_methods import JointMethods
 from .nucleus import actuator_for, joint_order_for
 from .physx_view import ArticulationView, RigidBodyView
 from .quaternions import pose_to_xyzw
@@ -135,7 +136,7 @@ class _WxyzAsset(native.BoundAsset):
         super().write_root_com_state_to_sim(pose_to_xyzw(root_state), env_ids)
 
 
-class Articulation(_WxyzAsset, TendonMethods):
+class Articulation(_WxyzAsset, TendonMethods, JointMethods):
     """:class:`stripe_newton.assets.Articulation` with quaternions (w, x, y, z)."""
 
     @cached_property

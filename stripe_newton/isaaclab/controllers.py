@@ -27,7 +27,8 @@ class DifferentialIKController(native.DifferentialIKController):
     def set_command(
         self, command: torch.Tensor, ee_pos: torch.Tensor | None = None, ee_quat: torch.Tensor | None = None
     ) -> None:
-        """Set the desired pose."""
+        """Set the desired pose; one row is that of all environments."""
+        command = command.expand(self.num_envs, -1) if len(command) == 1 else command
         if self.action_dim == 7 and command.shape[-1] == 7:
             command = pose_to_xyzw(command)
         super().set_command(command, ee_pos, None if ee_quat is None else to_xyzw(ee_quat))

@@ -89,7 +89,7 @@ def actuator_for(cfg: ActuatorCfg) -> ActuatorCfg:
 def joint_order_for(spawn: native.SpawnerCfg | None) -> tuple[str, ...] | None:
     """Names of the joints in the order of NVIDIA's file where that is not by depth and name; else None."""
     path = getattr(spawn, "usd_path", "")
-    entry = _BY_PATH.get(_inside(path)) if is_on_server(path) else None
+    entry = _BY_PATH.get(_inside(path)) if isinstance(path, str) and is_on_server(path) else None
     return entry.order if isinstance(entry, Robot) and entry.order else None
 
 

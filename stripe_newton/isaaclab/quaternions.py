@@ -32,8 +32,8 @@ class ReadOnlyTensor(torch.Tensor):
         written = kwargs.get("out", args[0] if in_place and args else None)
         if isinstance(written, ReadOnlyTensor) and name != "requires_grad_":
             raise RuntimeError(
-                "this tensor is a converted copy of the simulation's state, in the order (w, x, y, z): writing it "
-                "would change nothing. Write a clone() of it, and set states by the write_*_to_sim methods"
+                "this tensor is a converted copy of the simulation's state: writing it would change nothing. "
+                "Write a clone() of it, and set states by the write_*_to_sim methods"
             )
         with torch._C.DisableTorchFunctionSubclass():
             result = func(*args, **kwargs)

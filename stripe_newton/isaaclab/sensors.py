@@ -48,6 +48,10 @@ class _WxyzSensor(native.SensorBase):
         if (adopt := getattr(self._scene, "adopt_sensor", None)) is not None:
             adopt(self)
 
+    def update(self, dt: float, force_recompute: bool = False) -> None:
+        """Measure, after ``dt`` seconds of physics; ``force_recompute`` has no effect, data are always computed."""
+        super().update(dt)
+
     @property
     def data(self) -> Any:  # the type below is of the package: it cannot name what is converted
         """Data of the sensor, quaternions (w, x, y, z)."""

@@ -11,6 +11,9 @@ import logging
 from collections.abc import Iterator, Sequence
 from functools import cache
 
+import numpy as np
+import torch
+
 __all__ = ["WxyzOptionalRot", "WxyzRot"]
 
 Quaternion = tuple[float, float, float, float]
@@ -37,6 +40,13 @@ class _Wxyz:
     """A config that names the order of its ``rot`` in what it reports."""
 
     rot: Quaternion | None
+
+    def __post_init__(self) -> None:
+        """Take positions and velocities that are arrays as the numbers in them."""
+        for name in ("pos", "rot", "lin_vel", "ang_vel"):
+            value = getattr(self, name, None)
+            if isinstance(value, (np.ndarray, torch.Tensor)):
+                setattr(self, name, tuple(value.tolist()))
 
     def problems(self) -> Iterator[tuple[str, str]]:
         """Those of the class of the package, which names the other order."""

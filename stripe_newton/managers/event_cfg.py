@@ -43,7 +43,7 @@ class EventTermCfg:
             yield "mode", f"is '{self.mode}', must be one of {', '.join(_MODES)}"
         bounds, count = self.interval_range_s, self.min_step_count_between_reset
         if self.mode == "interval" and not _is_range(bounds):
-            yield "interval_range_s", f"is {bounds}, must be finite (low, high) with 0 < low <= high [s]"
+            yield "interval_range_s", f"is {bounds}, must be finite (low, high) with 0 <= low <= high, not both 0 [s]"
         if not isinstance(count, int) or count < 0:
             yield "min_step_count_between_reset", f"is {count!r}, must be a whole number of steps, 0 or more"
 
@@ -61,4 +61,5 @@ class EventManagerCfg:
 def _is_range(bounds: object) -> bool:
     if not isinstance(bounds, (tuple, list)) or len(bounds) != 2:
         return False
-    return all(isinstance(b, (int, float)) and math.isfinite(b) for b in bounds) and 0 < bounds[0] <= bounds[1]
+    finite = all(isinstance(b, (int, float)) and math.isfinite(b) for b in bounds)
+    return finite and 0 <= bounds[0] <= bounds[1] and bounds[1] > 0  # an interval below a step is one step

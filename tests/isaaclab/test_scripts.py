@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import runpy
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,7 @@ from PIL import Image
 import stripe_newton.isaaclab as dialect
 from stripe_newton.isaaclab.__main__ import run_script
 from stripe_newton.isaaclab.latest_simulation import latest_simulation
+from stripe_newton.isaaclab.rough_plane import rough_heights
 
 SCRIPT = """
 import argparse
@@ -102,6 +104,39 @@ assert torch.allclose(cubes[1].data.root_pos_w, torch.tensor([[3.0, 1.0, 2.5]]))
 """
 """Assets below prims that have been moved: their default state is that of the config, as Isaac Lab has it."""
 
+ROUGH = """
+import numpy as np
+import torch
+
+import isaaclab.sim as sim_utils
+from isaaclab.assets import RigidObject, RigidObjectCfg
+from isaaclab.sensors import RayCaster, RayCasterCfg, patterns
+from isaaclab.utils.assets import ISAAC_NUCLEUS_DIR
+
+sim = sim_utils.SimulationContext(sim_utils.SimulationCfg(dt=0.01, device="cpu"))
+ground = sim_utils.UsdFileCfg(usd_path=f"{ISAAC_NUCLEUS_DIR}/Environments/Terrains/rough_plane.usd")
+ground.func("/World/ground", ground)
+spawn = sim_utils.SphereCfg(
+    radius=0.2,
+    rigid_props=sim_utils.RigidBodyPropertiesCfg(),
+    mass_props=sim_utils.MassPropertiesCfg(mass=1.0),
+    collision_props=sim_utils.CollisionPropertiesCfg(),
+)
+state = RigidObjectCfg.InitialStateCfg(pos=np.array([1.0, -2.0, 0.7]))
+ball = RigidObject(RigidObjectCfg(prim_path="/World/Ball", spawn=spawn, init_state=state))
+pattern = patterns.GridPatternCfg(resolution=0.25, size=(2.0, 2.0))
+caster = RayCaster(
+    RayCasterCfg(prim_path="/World/Ball", mesh_prim_paths=["/World/ground"], pattern_cfg=pattern, ray_alignment="yaw")
+)
+sim.reset()
+caster.update(dt=0.01, force_recompute=True)
+hits = caster.data.ray_hits_w[0].numpy()
+for _ in range(100):
+    sim.step()
+height = float(ball.data.root_pos_w[0, 2])
+"""
+"""A ball falls on the rough plane, which a ray caster has measured before."""
+
 
 @pytest.fixture
 def script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
@@ -130,6 +165,18 @@ def test_a_script_runs_unmodified_and_ends_with_a_picture_of_its_last_state(scri
 def test_default_states_are_in_the_frame_of_the_prim_above(script):
     script.write_text(PLACES)
     run_script(str(script), [])
+
+
+def test_the_rough_plane_has_its_heights(script):
+    script.write_text(ROUGH)
+    dialect.install()
+    found = runpy.run_path(str(script))
+    hits, heights = found["hits"], rough_heights()
+    columns, rows = (np.rint((hits[:, k] + 10.0) / 0.25).astype(int) for k in (0, 1))
+    assert len(hits) == 81
+    np.testing.assert_allclose(hits[:, 2], heights[rows, columns], atol=1e-4)
+    assert np.ptp(hits[:, 2]) > 0.1
+    assert heights.min() < found["height"] < heights.max() + 0.25  # the ball lies on it
 
 
 def test_a_script_that_is_not_there_is_named():

@@ -428,7 +428,7 @@ def test_all_problems_are_gathered():
     for part in (
         "events.often.mode: is 'sometimes', must be one of prestartup, startup, reset, interval, step",
         "events.when.mode: is missing",
-        "events.interval.interval_range_s: is None, must be finite (low, high) with 0 < low <= high [s]",
+        "events.interval.interval_range_s: is None, must be finite (low, high) with 0 <= low <= high, not both 0 [s]",
         "events.backwards.interval_range_s: is (2.0, 1.0)",
         "events.spaced.min_step_count_between_reset: is -1, must be a whole number of steps, 0 or more",
         "events.early.func: is a Warp function; before the model is built only torch functions",

@@ -209,7 +209,7 @@ def main() -> int:
     parser.add_argument("--steps", type=int, default=100)
     parser.add_argument("--train", type=int, default=0, help="iterations; 0 trains nothing")
     parser.add_argument("--out", type=Path)
-    args = parser.parse_args()
+    args = parser.parse_intermixed_args()
     source = args.source.resolve()
     os.environ["ISAACLAB_SOURCE"] = str(source)
     warnings.simplefilter("ignore")

@@ -40,7 +40,10 @@ _REASONS = (
     (r".*?'?(\w+)'? is not supported: (.*?)(?:; it was called once.*| \w[\w.]*: .*)?", r"`\1`: \2"),
     (r"ModuleNotFoundError: No module named '(\w+)'.*", r"needs the package `\1`"),
     (r".*: models\S*: (.*); train this task with skrl itself.*", r"no agent of rsl_rl; that of skrl: \1"),
-    (r".*'AssetBase' object has no attribute 'prims'", "changes lights by their prims while it runs"),
+    (r".*returned shape .*, must be \(num_envs, size\) = .*", "the shape of an observation term changes"),
+    (r".*: no body or site at '[^']*/(\w+)'.*", r"the robot's file has no body `\1`"),
+    (r".*'NoneType' object has no attribute 'default'", "changes prims of every environment; the stage has one"),
+    (r"SystemExit: 2", "needs an option with a file of the user's"),
     (r"the process ended with .*|took more than .*", r"\g<0>"),
 )
 """Messages by expression, and what the table says in their place."""

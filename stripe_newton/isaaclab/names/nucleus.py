@@ -269,6 +269,11 @@ ROBOTS = (
     ),
     # -- wings
     Robot(
+        ("Environments/Terrains/rough_plane.usd",),
+        cfg="stripe_newton.isaaclab.rough_plane:RoughPlaneCfg",
+        note="a square of 20 m of bumpy ground",
+    ),
+    Robot(
         ("Robots/Bitcraze/Crazyflie/cf2x.usd",),
         cfg="stripe_newton.isaaclab.quadcopter:CrazyflieCfg",
         note="a body of 28 g with the published inertia, and four rotors of 0.3 g",
@@ -335,7 +340,6 @@ ABSENT: dict[str, str] = {
     r".*Robots/Kinova/.*": f"Kinova's arm: {_SERVER}",
     r".*Robots/RethinkRobotics/.*": f"Sawyer: {_SERVER}",
     r".*Robots/(Agibot|Galbot|FourierIntelligence|OpenArm|NTNU|Clearpath|KukaAllegro)/.*": f"the robot: {_SERVER}",
-    r".*Environments/Terrains/rough_plane\.usd": f"the rough plane: {_SERVER}, or use a terrain generator",
     r".*": _SERVER,
 }
 """What is missing and how to get it, by expression for the path; the first that matches counts."""

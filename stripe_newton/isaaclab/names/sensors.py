@@ -19,6 +19,10 @@ NAMES: dict[str, Table] = {
         RayCasterData=WxyzData""",
     )
     | same("stripe_newton.sensors", "SensorBase SensorBaseCfg"),
+    "isaaclab.sensors.camera.utils": dialect(
+        "point_clouds", "create_pointcloud_from_depth create_pointcloud_from_rgbd transform_points"
+    )
+    | dialect("sensors", "save_images_to_file"),
     **dict.fromkeys(("isaaclab.sensors.patterns", "isaaclab.sensors.ray_caster.patterns"), _PATTERNS),
 }
 

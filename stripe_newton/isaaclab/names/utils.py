@@ -5,6 +5,8 @@ from .entries import Table, dialect, same
 
 _DICTIONARIES = """class_to_dict convert_dict_to_backend print_dict replace_slices_with_strings
     replace_strings_with_slices update_class_from_dict"""
+_STRINGS = """callable_to_string resolve_matching_names resolve_matching_names_values string_to_callable to_camel_case
+    to_snake_case"""
 _BUFFERS = "CircularBuffer DelayBuffer TimestampedBuffer"
 
 NAMES: dict[str, Table] = {
@@ -15,6 +17,7 @@ NAMES: dict[str, Table] = {
         record_joint_pos_offsets=record_nothing record_joint_vel_offsets=record_nothing""",
     ),
     "isaaclab.utils": dialect("configclass", "configclass")
+    | dialect("strings", _STRINGS)
     | dialect("dictionaries", _DICTIONARIES)
     | dialect("buffers", _BUFFERS)
     | dialect("timer", "Timer"),
@@ -38,11 +41,7 @@ NAMES: dict[str, Table] = {
         gaussian_noise uniform_noise""",
     )
     | dialect("noise", "NoiseModel NoiseModelCfg NoiseModelWithAdditiveBias NoiseModelWithAdditiveBiasCfg"),
-    "isaaclab.utils.string": dialect(
-        "strings",
-        """callable_to_string resolve_matching_names resolve_matching_names_values string_to_callable to_camel_case
-        to_snake_case""",
-    ),
+    "isaaclab.utils.string": dialect("strings", _STRINGS),
     "isaaclab.utils.version": dialect("dictionaries", "get_isaac_sim_version"),
 }
 
