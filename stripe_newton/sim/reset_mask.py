@@ -49,15 +49,18 @@ class ResetMask:
         self.listed_in_step = False
         self._listed = False
         self._lists = 0
-        """How often the list has been made, or will have been once the step's launches are done."""
+        """How often the list has been made, or will have been once all that was launched is done."""
+        self._awaited = True
+        """Whether the report of the last list has been seen: one that is still to come could be taken for the next."""
         self._number: int | None = None
         self._on_device: torch.Tensor | None = None
         self._on_host: torch.Tensor | None = None
 
     def begin_step(self) -> None:
         """Drop the indices of the last step. Call it before the mask is written."""
-        self._listed = self.listed_in_step
-        self._lists += self.listed_in_step
+        if not self._awaited:  # an error ended the last step
+            self._synchronize()
+        self._listed, self._awaited = False, not self.listed_in_step
         self._number = self._on_device = self._on_host = None
 
     def choose(self, env_mask: torch.Tensor) -> None:
@@ -71,6 +74,12 @@ class ResetMask:
         wp.launch(count_masked, len(self._counts), [self.array], [self._counts], device=device)
         inputs, outputs = [self.array, self._counts], [self.order, self.count, self._lists_made, self._report]
         wp.launch(list_masked_first, num_envs, inputs, outputs, device=device)
+        if not device.is_capturing:
+            self._note_list()
+
+    def _note_list(self) -> None:
+        self._lists += 1
+        self._listed, self._awaited = True, False
 
     @property
     def number(self) -> int:
@@ -89,9 +98,13 @@ class ResetMask:
         """
         for _ in range(_LOOKS):
             if self._reported[0] >> 32 == self._lists:
+                self._awaited = True
                 return
+        self._synchronize()
+
+    def _synchronize(self) -> None:
         wp.synchronize_device(self.array.device)
-        self._lists = self._reported[0] >> 32
+        self._lists, self._awaited = self._reported[0] >> 32, True
 
     def indices(self) -> torch.Tensor:
         """Indices of the environments, int64, shape ``(n,)``, on the device. The first call of a step waits for it."""
@@ -109,7 +122,9 @@ class ResetMask:
         return self._on_host
 
     def _list(self) -> None:
-        if not self._listed:
-            self._lists += 1
+        if self._listed:
+            return
+        if self.listed_in_step:  # by a graph
+            self._note_list()
+        else:
             self.launch_list()
-            self._listed = True

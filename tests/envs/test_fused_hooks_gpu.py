@@ -37,7 +37,9 @@ def test_operations_give_the_bits_of_torch(on_gpu):
         for index, (found, expected) in enumerate(zip(*leaves, strict=True)):
             if not torch.equal(found.nan_to_num(7.0), expected.nan_to_num(7.0)):
                 differs.append(f"{name}[{index}]")
-    alone = {name: [a for a in run.traced.alone if "arange" not in a] for name, run in fused.items()}
+    alone = {
+        name: [a for a in run.traced.alone if "arange" not in a and "empty" not in a] for name, run in fused.items()
+    }
     assert not differs, " ".join(differs)
     assert {name: reasons for name, reasons in alone.items() if reasons} == {}
 

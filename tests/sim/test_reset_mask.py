@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lists of the environments in a reset mask, and copies of the rows of others, against NumPy."""
 
+import queue
+import threading
+import time
+from functools import partial
+
 import numpy as np
 import pytest
 import torch
 import warp as wp
 
 from stripe_newton.envs.hook_graphs import EnvRows
-from stripe_newton.sim import ResetMask
+from stripe_newton.sim import ResetMask, reset_mask
 
 
 @pytest.mark.parametrize("num_envs", [1, 63, 64, 200])
@@ -24,6 +29,90 @@ def test_environments_of_the_mask_come_first(num_envs, share):
         assert mask.indices().tolist() == np.flatnonzero(chosen).tolist() == mask.indices_on_host().tolist()
         assert mask.order.numpy().tolist() == [*np.flatnonzero(chosen), *np.flatnonzero(~chosen)]
         assert mask.count.numpy().tolist() == [chosen.sum()]
+
+
+class LateDevice:
+    """A device that runs what is launched some milliseconds later, in its order."""
+
+    def __init__(self, monkeypatch):
+        self.queue, self.waits = queue.Queue(), 0
+        launch = wp.launch
+        monkeypatch.setattr(wp, "launch", lambda *args, **kwargs: self.queue.put(partial(launch, *args, **kwargs)))
+        monkeypatch.setattr(wp, "synchronize_device", self.synchronize)
+        threading.Thread(target=self.run, daemon=True).start()
+
+    def run(self):
+        while (call := self.queue.get()) is not None:
+            time.sleep(2e-3)
+            call()
+            self.queue.task_done()
+        self.queue.task_done()
+
+    def synchronize(self, device):
+        self.waits += 1
+        self.queue.join()
+
+
+@pytest.fixture
+def late(monkeypatch):
+    monkeypatch.setattr(reset_mask, "_LOOKS", 10**8)  # a report that does not come is seen by the test's limit of time
+    device = LateDevice(monkeypatch)
+    yield device
+    device.queue.put(None)
+
+
+def graph_of(mask):
+    """Launches of the list, as a graph replays them: the host's side does not see them."""
+
+    def replay():
+        listed, lists, awaited = mask._listed, mask._lists, mask._awaited
+        mask.launch_list()
+        mask._listed, mask._lists, mask._awaited = listed, lists, awaited
+
+    return replay
+
+
+def choose(mask, device, *envs):
+    """Write the mask as kernels of a step do: behind what was launched before."""
+    device.queue.join()
+    mask.tensor[:] = False
+    mask.tensor[list(envs)] = True
+
+
+def test_numbers_are_those_of_the_step_on_a_device_that_is_late(late):
+    mask = ResetMask(4, "cpu")
+    mask.begin_step()  # of a reset, before the step with the list is made
+    mask.listed_in_step = True
+    choose(mask, late, 0, 1, 2, 3)
+    mask.launch_list()
+    assert mask.number == 4
+    replay = graph_of(mask)
+    for envs in ((0,), (), (1, 2), (0, 1, 2, 3), (3,)):
+        mask.begin_step()
+        choose(mask, late, *envs)
+        replay()
+        assert mask.number == len(envs)
+        assert mask.indices().tolist() == list(envs)
+    assert late.waits == 0
+
+
+def test_a_list_that_nobody_waited_for_is_not_taken_for_the_next(late):
+    mask = ResetMask(4, "cpu")
+    mask.listed_in_step = True
+    replay = graph_of(mask)
+    mask.begin_step()
+    choose(mask, late, 0, 1, 2)
+    replay()  # an error ends the step here
+    mask.begin_step()
+    assert late.waits == 1
+    choose(mask, late, 3)
+    replay()
+    assert mask.number == 1
+    mask.begin_step()
+    choose(mask, late)
+    mask.launch_list()  # kernel by kernel
+    assert mask.number == 0
+    assert late.waits == 1
 
 
 def test_indices_belong_to_whoever_asks():
