@@ -296,7 +296,8 @@ def _geom_tables(
     They are the geoms that move; the first of the pairs of each, and the first that is searched; and for each pair how
     many parts on the same ground there are from it on.
     """
-    start, geoms, first, searched, parts = [0], [], [], [], []
+    start, geoms, first, searched = [0], list[int](), list[int](), list[int]()
+    parts: list[int] = []
     for share in shares:
         for geom, group in groupby(share, key=lambda p: _moving_first(model, pairs[p])[0]):
             own = [pairs[p] for p in group]
