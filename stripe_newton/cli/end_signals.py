@@ -87,12 +87,11 @@ def ended_by() -> int | None:
 
 def leave_signals() -> None:
     """Handle signals as before :func:`end_on_signals`, at the end of a command: nothing is left to clean up."""
-    for number, handler, before in (
-        *((number, _end, signal.SIG_DFL) for number in _ENDS),
-        (signal.SIGINT, _interrupt, signal.default_int_handler),
-    ):
-        if signal.getsignal(number) is handler:
-            signal.signal(number, before)
+    for number in _ENDS:
+        if signal.getsignal(number) is _end:
+            signal.signal(number, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) is _interrupt:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if sys.unraisablehook is _raise_again:
         sys.unraisablehook = sys.__unraisablehook__
     signal.set_wakeup_fd(-1)
