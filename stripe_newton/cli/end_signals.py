@@ -86,10 +86,15 @@ def ended_by() -> int | None:
 
 
 def leave_signals() -> None:
-    """Let the system handle the signals again, which ends the process at once: nothing is left to clean up."""
+    """Handle signals as before :func:`end_on_signals`, at the end of a command: nothing is left to clean up."""
     for number in _ENDS:
         if signal.getsignal(number) is _end:
             signal.signal(number, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) is _interrupt:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if sys.unraisablehook is _raise_again:
+        sys.unraisablehook = sys.__unraisablehook__
+    signal.set_wakeup_fd(-1)
 
 
 def leave(code: int) -> NoReturn:
