@@ -158,6 +158,7 @@ def _build_runner(
     """Build environment and runner, and load the checkpoint of a resumed run."""
     agent = configs.need_agent()
     runner = build(task, configs, folder.path, render=world().rank == 0)
+    runner.task = task
     inner = rl_env_of(runner.env.unwrapped)
     if inner is not None and world().rank == 0:
         print(f"physics: {inner.sim.describe_solver()}")

@@ -55,8 +55,8 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
     _has_reported_size = False
     _report: RunReport | None = None
     """Report in the run folder; None in ranks that write no files."""
-    _task: str | None = None
-    """The task that the run folder names."""
+    task: str | None = None
+    """Name of the task, for a run folder that has to be made again. By default the one that the folder names."""
 
     def __init__(self, env: RslRlVecEnvWrapper, cfg: RslRlBaseRunnerCfg, log_dir: str | os.PathLike | None = None):
         """Build networks, algorithm and logger on the environment's device.
@@ -183,8 +183,9 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         """Write the configs, and move checkpoints aside that are later than the one that is resumed."""
         if self.run_folder is None or self.logger.disable_logs:
             return
+        # Before the configs are written, which would make a folder that is gone without a word.
+        self._remake_run_folder()
         self.run_folder.write_params(self.env.cfg, self.agent_cfg, self.env.num_envs * self.gpu_world_size)
-        self._task = self.run_folder.read_task()
         with contextlib.suppress(OSError):  # a report can do without; a full disk shows at the checkpoint
             write_system(self.run_folder, self.device)
         self._report = RunReport(self.run_folder)
@@ -193,15 +194,27 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
             print(f"{len(later)} later checkpoints were moved to {later[0].parent}")
 
     def _remake_run_folder(self) -> None:
-        """Make the run folder again if it was deleted during the training, with a warning."""
+        """Make the run folder again if it was moved or deleted since the training began, with a warning."""
         run = self.run_folder
-        if run is None or self.logger.writer is None or run.params.is_dir():
+        if run is None:
             return
-        print(f"\nwarning: {run.path}: was deleted while the training runs; what was in it is lost", file=sys.stderr)
-        with contextlib.suppress(CheckpointError):  # a full disk shows at the checkpoint, too
+        try:
+            is_gone = run.take_anew_if_gone()
+        except CheckpointError as error:  # a full disk shows at the checkpoint, too
+            print(f"\nwarning: {error}", file=sys.stderr)
+            return
+        if not is_gone and (self.logger.writer is None or run.params.is_dir()):
+            self.task = self.task or run.read_task()
+            return
+        print(
+            f"\nwarning: {run.path}: was moved or deleted while the training runs; it is made again, without what was "
+            "in it",
+            file=sys.stderr,
+        )
+        with contextlib.suppress(CheckpointError):
             run.write_params(self.env.cfg, self.agent_cfg, self.env.num_envs * self.gpu_world_size)
-            if self._task is not None:
-                run.write_task(self._task)
+            if self.task is not None:
+                run.write_task(self.task)
 
     def _learn(self, count: int, spread: bool) -> None:
         """The learning loop: of graphs, or rsl_rl's where the rollout cannot be one."""

@@ -9,6 +9,7 @@ import re
 import shutil
 import sys
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -26,8 +27,6 @@ __all__ = ["Params", "RunFolder", "find_checkpoint", "find_newest", "find_run"]
 _CHECKPOINT = re.compile(r"model_(\d{1,18})\.pt")
 LOCK_NAME = "lock"
 """File by which a running training keeps others out."""
-_held: set[Path] = set()
-"""Run folders that this process holds."""
 
 Params = dict[str, dict]
 """Configs of a run by ``"env"`` and ``"agent"``, as nested dicts of plain values."""
@@ -48,6 +47,32 @@ class _Dumper(_SafeDumper):
 _Dumper.add_representer(list, _Dumper.represent_list)
 _Dumper.add_multi_representer(float, lambda dumper, value: dumper.represent_float(float(value)))
 _Dumper.add_multi_representer(str, lambda dumper, value: dumper.represent_str(str.__str__(value)))
+
+
+@dataclass
+class _Hold:
+    """The hold of this process on a run folder."""
+
+    lock: FileLock
+    folder: int | None
+    """Descriptor of the folder, None once it is given back. While it is open, no other folder can get its inode."""
+
+    def is_folder_at(self, path: Path) -> bool:
+        """Whether ``path`` still leads to the folder."""
+        with contextlib.suppress(OSError):
+            return self.folder is not None and os.path.samestat(os.fstat(self.folder), os.stat(path))
+        return False
+
+    def release(self) -> None:
+        """Let other trainings use the folder; the second time this does nothing."""
+        if self.folder is not None:
+            os.close(self.folder)
+            self.folder = None
+        self.lock.release()
+
+
+_held: dict[Path, _Hold] = {}
+"""Run folders that this process holds."""
 
 
 class RunFolder:
@@ -133,19 +158,47 @@ class RunFolder:
             yield
             return
         self.check_links()
+        held = self._take()
+        try:
+            _held[key] = held
+            yield
+        finally:
+            _held.pop(key, None)
+            held.release()
+
+    def _take(self) -> _Hold:
+        """Lock the folder for this process."""
         lock = FileLock(self.path / LOCK_NAME)
         with self._says_os_errors():
             owner = lock.acquire()
-        if owner is not None:
-            raise CheckpointError(
-                f"{self.path}: another training runs in this folder: {owner}; wait until it has ended, or stop it"
-            )
-        _held.add(key)
-        try:
-            yield
-        finally:
-            _held.discard(key)
-            lock.release()
+            if owner is not None:
+                raise CheckpointError(
+                    f"{self.path}: another training runs in this folder: {owner}; wait until it has ended, or stop it"
+                )
+            try:
+                return _Hold(lock, os.open(self.path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC))
+            except BaseException:
+                lock.release()
+                raise
+
+    def take_anew_if_gone(self) -> bool:
+        """If the folder that :meth:`hold` has locked is no longer at its path, make a new one there and lock that.
+
+        Returns:
+            Whether it was moved or deleted. False where nothing holds the folder.
+
+        Raises:
+            CheckpointError: if the new folder cannot be made, or another training holds it.
+        """
+        held = _held.get(self.path.resolve())
+        if held is None or held.is_folder_at(self.path):
+            return False
+        held.release()  # first: on file systems without locks it would remove the mark of the new folder
+        with self._says_os_errors():
+            self.path.mkdir(parents=True, exist_ok=True)
+        new = self._take()
+        held.lock, held.folder = new.lock, new.folder
+        return True
 
     @contextlib.contextmanager
     def _says_os_errors(self) -> Iterator[None]:

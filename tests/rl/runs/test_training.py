@@ -134,6 +134,9 @@ def test_under_nohup_a_closed_terminal_changes_nothing(tmp_path):
         signal.signal(signal.SIGHUP, before)
 
 
+GONE = "was moved or deleted while the training runs; it is made again, without what was in it"
+
+
 def test_a_run_folder_that_is_deleted_is_said_and_made_again(tmp_path, capsys):
     folder = RunFolder(tmp_path / "run")
     folder.write_task("Some-Task-v0")
@@ -146,7 +149,7 @@ def test_a_run_folder_that_is_deleted_is_said_and_made_again(tmp_path, capsys):
     runner.logger.iteration_hooks.append(delete)
     assert runner.learn()
     err = capsys.readouterr().err
-    assert f"warning: {folder.path}: was deleted while the training runs; what was in it is lost" in err
+    assert f"warning: {folder.path}: {GONE}" in err
     assert folder.read_task() == "Some-Task-v0"
     assert folder.read_params()["agent"] == runner.agent_cfg.to_dict()
     assert [number for number, _ in folder.list_checkpoints()] == [2, 4, 5]
@@ -154,11 +157,35 @@ def test_a_run_folder_that_is_deleted_is_said_and_made_again(tmp_path, capsys):
     assert [row["iteration"] for row in rows(folder.path)] == ["3", "4", "5"]
 
 
+@pytest.mark.parametrize("moment", ["before the training", "before the first checkpoint"])
+def test_a_run_folder_that_is_moved_at_once_is_said_and_made_again(tmp_path, capsys, monkeypatch, moment):
+    folder, moved = RunFolder(tmp_path / "run"), tmp_path / "moved"
+    folder.write_task("Some-Task-v0")
+    runner = make_runner(folder.path)
+    runner.task = "Some-Task-v0"
+    with runner.run_folder.hold():
+        if moment == "before the training":
+            folder.path.rename(moved)
+        else:
+            runner.logger.iteration_hooks.append(lambda it: it == 0 and folder.path.rename(moved))
+        assert runner.learn(2)
+        assert capsys.readouterr().err.count(f"warning: {folder.path}: {GONE}") == 1
+        assert folder.read_task() == "Some-Task-v0"
+        assert [number for number, _ in folder.list_checkpoints()] == [0, 1]
+        monkeypatch.setattr(run_folder, "_held", {})  # as in another process
+        with pytest.raises(CheckpointError, match="another training runs in this folder"), folder.hold():
+            pass
+        monkeypatch.undo()
+        with RunFolder(moved).hold():  # nothing holds the old one
+            pass
+    assert not (folder.path / "lock").exists()
+
+
 def test_a_second_training_in_one_folder_is_refused(tmp_path, monkeypatch):
     first, second = make_runner(tmp_path), make_runner(tmp_path)
     with first.run_folder.hold():
         assert first.learn(1)  # it may hold it twice
-        monkeypatch.setattr(run_folder, "_held", set())  # as in another process
+        monkeypatch.setattr(run_folder, "_held", {})  # as in another process
         with pytest.raises(CheckpointError, match=rf"another training runs in this folder: process {os.getpid()} on "):
             second.learn()
     assert second.learn(1)
