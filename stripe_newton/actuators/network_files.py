@@ -10,7 +10,7 @@ import os
 import tempfile
 import warnings
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,10 @@ from .lstm import LSTM_NAMES, lstm_model, with_metadata
 
 __all__ = ["prepare_lstm", "prepare_mlp"]
 
+_UNSAFE_OPERATORS = {"from_file", "save", "CallMethod", "CallFunction", "fork", "awaitable", "PythonOp"}
+"""Operators of TorchScript that write files, or call what the graph does not show."""
+_MOST_CODE = 1 << 24
+"""Bytes that are read of a file of code: a small archive can hold gigabytes."""
 _FORMATS = "ONNX (.onnx) and TorchScript (.pt, .pth, .jit)"
 
 
@@ -139,10 +143,35 @@ def _load_torch(path: Path) -> torch.jit.ScriptModule:
             f"network_file '{path}': it is no TorchScript; write it by torch.jit.save(torch.jit.script(network), path) "
             "or torch.onnx.export"
         )
+    # Code that runs while the file is read, before it can be checked.
+    if _has_word(path, b"__setstate__"):
+        raise ValueError(f"network_file '{path}': it runs code of its own when it is read (__setstate__)")
     try:
-        return torch.jit.load(str(path), map_location="cpu").eval()
+        network = torch.jit.load(str(path), map_location="cpu").eval()
     except Exception as error:
         raise ValueError(f"network_file '{path}': torch cannot read it: {error}") from error
+    if network._c._get_forward_hooks() or network._c._get_forward_pre_hooks():
+        raise ValueError(f"network_file '{path}': it has hooks; write the network without them")
+    if problem := next(_unsafe(network.inlined_graph), ""):
+        raise ValueError(f"network_file '{path}': its operator '{problem}' is none of a network, or writes files")
+    return network
+
+
+def _has_word(path: Path, word: bytes) -> bool:
+    """Whether code in a TorchScript file has a word."""
+    with zipfile.ZipFile(path) as archive:
+        sources = (name for name in archive.namelist() if "/code/" in f"/{name}" and name.endswith(".py"))
+        return any(word in archive.open(name).read(_MOST_CODE) for name in sources)
+
+
+def _unsafe(block: torch._C.Graph | torch._C.Block) -> Iterator[str]:
+    """Operators of a graph that reach beyond tensors: TorchScript can write files."""
+    for node in block.nodes():
+        space, _, name = node.kind().partition("::")
+        if space not in ("aten", "prim") or name in _UNSAFE_OPERATORS:
+            yield node.kind()
+        for inner in node.blocks():
+            yield from _unsafe(inner)
 
 
 def _metadata(model: onnx.ModelProto, path: Path) -> dict[str, Any]:

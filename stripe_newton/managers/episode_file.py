@@ -247,6 +247,8 @@ class EpisodeFile:
         """
         if item.shape is None or item.dtype.kind not in "biuf":
             raise ValueError(f"{self.path}: {item.name} has {item.dtype}, must have numbers")
+        if item.external or item.is_virtual:  # which could be any file of the user's
+            raise ValueError(f"{self.path}: {item.name} has its numbers in another file, as no recorded episode has")
         try:
             return np.asarray(item[()])
         except (OSError, RuntimeError) as error:
@@ -325,7 +327,9 @@ def _opened(package: ModuleType, path: Path, mode: str) -> h5py.File:
         file = package.File(path, mode)
     except OSError as error:
         raise ValueError(f"{path}: cannot be opened as an HDF5 file: {error}") from error
-    if not isinstance(file.get("data"), package.Group):
+    # Of this file itself: a link could lead to any file of the user's.
+    own = isinstance(file.get("data", getlink=True), package.HardLink)
+    if not own or not isinstance(file.get("data"), package.Group):
         file.close()
         raise ValueError(f"{path}: has no group 'data', it holds no recorded episodes")
     return file

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import copy
 import json
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -224,3 +225,37 @@ def test_recurrent_networks_that_are_no_lstm_and_linear_layer(tmp_path):
         prepare_lstm(saved(Bent(1, True), tmp_path / "bent.pt"))
     with pytest.raises(ValueError, match=r"inputs have shapes \(n, 4\); an LSTM needs \(n, n, 2\)"):
         prepare_lstm(str(prepare_mlp(saved(dense(4), tmp_path / "net.pt"), input_idx=[0, 1])))
+
+
+class WritesWhenCalled(torch.nn.Module):
+    """Network that writes a file in each pass."""
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return x[:, :1] + torch.from_file("written", shared=True, size=1, dtype=torch.float32).fill_(7.0)
+
+
+class WritesWhenRead(torch.nn.Module):
+    """Network that writes a file when it is read."""
+
+    @torch.jit.export
+    def __getstate__(self) -> tuple[torch.Tensor, bool]:
+        return torch.zeros(1), self.training
+
+    @torch.jit.export
+    def __setstate__(self, state: tuple[torch.Tensor, bool]) -> None:
+        torch.from_file("written", shared=True, size=1, dtype=torch.float32).fill_(7.0)
+        self.training = state[1]
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return x[:, :1]
+
+
+@pytest.mark.parametrize(
+    ("network", "message"),
+    [(WritesWhenCalled(), "operator 'aten::from_file'"), (WritesWhenRead(), "it runs code of its own when it is read")],
+)
+def test_a_network_that_writes_files_is_refused(network, message):
+    torch.jit.script(network).save("network.pt")
+    with pytest.raises(ValueError, match=message):
+        prepare_mlp("network.pt")
+    assert not Path("written").exists()

@@ -267,6 +267,39 @@ def test_reading_what_is_not_there():
         file.read("demo_3")
 
 
+def test_numbers_of_other_files_are_refused():
+    """Every way in which HDF5 refers to another file. All of them are read by h5py without a question."""
+    h5py = pytest.importorskip("h5py")
+    Path("raw").write_bytes(np.ones(4, "f4").tobytes())
+    with h5py.File("other.hdf5", "w") as file:
+        file["data/demo_0/x"] = np.ones((2, 2), "f4")
+
+    def virtual(episode) -> None:
+        layout = h5py.VirtualLayout((2, 2), "f4")
+        layout[:] = h5py.VirtualSource("other.hdf5", "/data/demo_0/x", shape=(2, 2))
+        episode.create_virtual_dataset("x", layout)
+
+    ways = {
+        "is a link": lambda episode: episode.__setitem__("x", h5py.ExternalLink("other.hdf5", "/data/demo_0/x")),
+        "has its numbers in another file": lambda episode: episode.create_dataset(
+            "x", (2, 2), "f4", external=[(str(Path("raw").absolute()), 0, 16)]
+        ),
+        "x has its numbers in another file": virtual,
+    }
+    for index, (message, write) in enumerate(ways.items()):
+        with h5py.File(f"{index}.hdf5", "w") as file:
+            episode = file.create_group("data/demo_0")
+            episode.attrs["num_samples"] = 2
+            write(episode)
+            assert episode["x"][0, 0] == 1.0
+        with EpisodeFile.open(f"{index}.hdf5") as file, pytest.raises(ValueError, match=message):
+            file.read("demo_0")
+    with h5py.File("root.hdf5", "w") as file:
+        file["data"] = h5py.ExternalLink("other.hdf5", "/data")
+    with pytest.raises(ValueError, match="has no group 'data'"):
+        EpisodeFile.open("root.hdf5")
+
+
 def test_many_episodes_keep_their_order():
     with EpisodeFile.create("many.hdf5", {}) as file:
         for k in range(12):
