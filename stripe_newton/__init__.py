@@ -11,16 +11,26 @@ Importing this package loads nothing heavy: no torch, no Warp, no GPU. Take what
 * ``stripe_newton.math``, ``.noise``: functions that tasks use
 """
 
-from importlib.metadata import PackageNotFoundError, version
-
 from .moved_modules import forward_modules
 
 __all__ = ["__version__"]
 
-try:
-    __version__ = version("stripe-newton")
-except PackageNotFoundError:  # run from a source tree that is not installed
-    __version__ = "0+source"
+__version__: str
+"""Version of the installed package, ``"0+source"`` if it runs from a source tree."""
+
+
+def __getattr__(name: str) -> str:
+    if name != "__version__":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib.metadata import PackageNotFoundError, version  # here, as it takes longer than all else that is here
+
+    try:
+        found = version("stripe-newton")
+    except PackageNotFoundError:
+        found = "0+source"
+    globals()[name] = found
+    return found
+
 
 # Old module paths. What moved in 0.2 goes with 0.3; the CHANGELOG lists each.
 forward_modules(

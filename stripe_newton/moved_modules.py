@@ -4,12 +4,19 @@
 from __future__ import annotations
 
 import importlib
-import importlib.abc
 import importlib.machinery
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from types import ModuleType
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from importlib.abc import Loader
+else:
+    # Python's import system does not ask for the class, whose import, or that of typing, would take longer than all
+    # else that this package imports.
+    Loader = object
 
 __all__ = ["forward_modules"]
 
@@ -39,7 +46,7 @@ def _new_path(name: str) -> str | None:
     return MOVED[old] + name.removeprefix(old)
 
 
-class _Forwarder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+class _Forwarder(Loader):
     """Import finder and loader for old module paths.
 
     It must be the first in ``sys.meta_path``. For a submodule of a forwarded package, Python's finder of files would

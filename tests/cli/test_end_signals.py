@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 
 import pytest
@@ -129,3 +130,32 @@ def test_stuck_command_is_cut_off(case):
     assert process.returncode == (-signal.SIGALRM if by_system else 143), error
     assert time.monotonic() - began > 0.9
     assert by_system or "no end within 1 s of SIGTERM" in error
+
+
+def test_ctrl_c_while_the_program_is_loaded():
+    code = """
+    import os, signal, sys
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    from stripe_newton.__main__ import main
+
+    class Finder:
+        def find_spec(name, path, target=None):
+            if name == "stripe_newton.cli":
+                print(*sys.modules)
+                sys.stdout.flush()
+                os.kill(os.getpid(), signal.SIGINT)
+
+    sys.meta_path.insert(0, Finder)
+    main()
+    """
+    env = os.environ | {"PYTHONPATH": PYTHONPATH}
+    run = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], env=env, capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (130, "interrupted\n")
+    # Before that point Ctrl-C is Python's own: so nothing is imported there that takes long.
+    loaded = set(run.stdout.split())
+    own = {name for name in loaded if name.startswith("stripe_newton")}
+    assert own == {"stripe_newton", "stripe_newton.moved_modules", "stripe_newton.__main__"}
+    # Nor are these, unless Python's own start has loaded them.
+    python = subprocess.run([sys.executable, "-c", "import sys; print(*sys.modules)"], capture_output=True, text=True)
+    new = loaded - set(python.stdout.split())
+    assert not {"typing", "dataclasses", "importlib.abc", "importlib.metadata", "torch", "yaml"} & new
