@@ -6,18 +6,22 @@ from __future__ import annotations
 import json as json_module
 import sys
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import warp as wp
 
 from . import BEGAN
 from .arguments import parse, task_of
 from .device import set_device, set_seeds
+from .kernel_warmup import warm_up
 from .options import BenchArgs
 from .run_configs import Configs, check, load_configs
 from .tasks import make_env
 from .user_error import check_count
 from .written_places import try_place, write_result
+
+if TYPE_CHECKING:
+    from stripe_newton.rl.torch_vector_env import TorchVectorEnv
 
 __all__ = ["BenchArgs", "measure", "run", "table"]
 
@@ -41,6 +45,7 @@ def run(argv: list[str]) -> int:
 def measure(configs: Configs, args: BenchArgs) -> dict[str, Any]:
     """Build a task from its configs and measure it."""
     from stripe_newton.envs.measure import benchmark  # here, so that its import is measured, and not done for --help
+    from stripe_newton.sim.device import resolve_device  # likewise
 
     if args.num_envs is not None:
         configs.env.scene.num_envs = args.num_envs
@@ -51,7 +56,13 @@ def measure(configs: Configs, args: BenchArgs) -> dict[str, Any]:
     wp.config.log_level = wp.LOG_WARNING
     count, device = configs.env.scene.num_envs, configs.env.sim.device
     print(f"{args.task}: {count} environments on {device}", file=sys.stderr, flush=True)
-    return {"task": args.task, **benchmark(lambda: make_env(args.task, configs.env), args.steps, args.seed)}
+
+    def build() -> TorchVectorEnv:
+        # Else this process would compile the same modules beside the warm-up that the command has started.
+        warm_up(device or resolve_device(None))
+        return make_env(args.task, configs.env)
+
+    return {"task": args.task, **benchmark(build, args.steps, args.seed)}
 
 
 def table(result: dict[str, Any]) -> str:

@@ -44,6 +44,7 @@ _LONGEST_IMPORT_S = 5.0
 _POLL_S = 0.02
 
 _has_begun = False
+_is_quiet = False
 _ended_by: int | None = None
 _put_off_since: float | None = None
 
@@ -57,12 +58,17 @@ def is_one_of_several() -> bool:
     return os.environ.get("WORLD_SIZE", "").strip() not in ("", "0", "1")
 
 
-def end_on_signals() -> None:
+def end_on_signals(quietly: bool = False) -> None:
     """Raise EndedBySignal at SIGTERM and SIGHUP, in this process; a training handles them itself while it learns.
 
     A signal that is ignored stays ignored, as SIGHUP under ``nohup``. So do those of a rank of several: its launcher
     ends it by SIGTERM, at once, since it may wait for a rank that is gone.
+
+    Args:
+        quietly: Whether nothing is printed about it, as by a process that helps another one.
     """
+    global _is_quiet
+    _is_quiet = quietly
     if is_one_of_several():
         return
     for number in _ENDS:
@@ -122,7 +128,7 @@ def _end(number: int, frame: types.FrameType | None) -> None:
 
 
 def _tell(number: int) -> None:
-    if number != signal.SIGHUP:  # after that there is no terminal to print to
+    if number != signal.SIGHUP and not _is_quiet:  # after that there is no terminal to print to
         text = "interrupted" if number == signal.SIGINT else f"ended by {signal.Signals(number).name}"
         print(text, file=sys.stderr)
 

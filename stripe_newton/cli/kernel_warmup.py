@@ -268,7 +268,7 @@ def main(words: Sequence[str]) -> None:
     from .compile_log import CompileLog  # here, as the parts need neither
     from .end_signals import end_on_signals
 
-    end_on_signals()
+    end_on_signals(quietly=True)  # the command that has started it says what there is to say
     with contextlib.suppress(KeyboardInterrupt):
         try:
             CompileLog.install()

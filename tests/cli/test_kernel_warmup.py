@@ -93,6 +93,7 @@ def test_nothing_goes_on_after_the_command_has_ended(tmp_path):
             break
     command.send_signal(signal.SIGTERM)
     assert command.wait(60) == 143
+    assert command.stderr.read().count("ended by SIGTERM") == 1  # by the command alone
     for _ in range(100):
         time.sleep(0.1)
         if not subprocess.run(["pgrep", "-g", str(command.pid)], capture_output=True, text=True).stdout:
