@@ -138,7 +138,9 @@ class Call:
         try:
             args, kwargs = tree_map(_without_memory, (tuple(self.args), dict(self.kwargs)))
             if self.name == "linalg_vector_norm":  # of one column, torch 2.11 keeps the dimension on the meta device
-                made: object = torch.sum(args[0], self.named["dim"], keepdim=bool(self.named["keepdim"]))
+                dim = self.named["dim"]
+                assert dim is None or isinstance(dim, (int, list, tuple))
+                made: object = torch.sum(args[0], dim, keepdim=bool(self.named["keepdim"]))
             else:
                 made = call(*args, **kwargs)
         except (NotImplementedError, RuntimeError) as error:
