@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import sys
 import time
 from types import SimpleNamespace
@@ -201,3 +202,23 @@ def test_a_peer_that_fails_is_an_error(tmp_path):
     (tmp_path / "mjlab" / "__init__.py").write_text("raise ImportError('a folder without tasks')")
     with pytest.raises(SystemExit, match=r"(?s)status 1:.*a folder without tasks"):
         tool.Peer(None, str(tmp_path)).ask("describe", request, tmp_path / "a.json")
+
+
+def test_calls_are_counted_without_this_package():
+    """The other side runs in an interpreter that has other versions of what this package imports."""
+    code = f"""
+import sys
+from pathlib import Path
+sys.modules["stripe_newton"] = sys.modules["stripe_kernels"] = None  # an import of either is an error
+sys.path.insert(0, {str(TOOLS / "comparison")!r})
+import warp as wp
+from compare_mjlab_measure import by_path
+counter = by_path("call_counts", Path({str(TOOLS.parent / "stripe_newton" / "envs" / "call_counts.py")!r}))
+wp.init()
+with counter.warp_calls() as calls:
+    pass
+print(dict(calls))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip().endswith("{}")
