@@ -113,6 +113,30 @@ def test_a_pipe_as_a_reference_is_refused_and_not_waited_for(tmp_path):
     refuse(tmp_path / "pipe.usda", "", "is no regular file")
 
 
+_CLIPS = "(clips = {dictionary default = {asset[] assetPaths = [@pipe.usda@]}})"
+_PARTS = {
+    "error in it": "(references = @pipe.usda@) {\nfloat x = (1, 2)\n}",
+    "error below it": "(references = @broken.usda@) {\n}",
+    "arguments": "(references = @pipe.usda:SDF_FORMAT_ARGS:a=b@) {\n}",
+    "package": "(references = @pipe.usdz[a.usda]@) {\n}",
+    "expression": '(references = @`"${NAME}.usda"`@) {\n}',
+    "clips": _CLIPS + " {\n}",
+    "texture": "{\nasset inputs:file = @pipe.png@\n}",
+    "tiles": "{\nasset inputs:file = @pipe.<UDIM>.png@\n}",
+}
+
+
+@pytest.mark.parametrize("prim", _PARTS.values(), ids=_PARTS)
+def test_a_pipe_is_found_however_a_stage_refers_to_it(tmp_path, prim):
+    for suffix in ("usda", "usdz", "png", "1001.png"):
+        os.mkfifo(tmp_path / f"pipe.{suffix}")
+    head = '#usda 1.0\n(\nexpressionVariables = {\nstring NAME = "pipe"\n}\n)\n'
+    (tmp_path / "broken.usda").write_text('#usda 1.0\ndef "A" (references = @pipe.usda@) {\nfloat x = (1, 2)\n}\n')
+    file = tmp_path / "scene.usda"
+    file.write_text(f'{head}def "A" {prim}\n')
+    refuse(file, "", "which is no regular file")
+
+
 def test_two_disabled_bodies_with_a_joint_between_them_are_static():
     off = "bool physics:rigidBodyEnabled = false"
     joint = 'def PhysicsRevoluteJoint "j" {\nrel physics:body0 = </A>\nrel physics:body1 = </B>\n}\n'
