@@ -25,6 +25,7 @@ from stripe_newton.usd.builder_start import BuilderStart
 from stripe_newton.usd.concave_meshes import concave_meshes
 from stripe_newton.usd.inertia_balance import balance_inertias
 from stripe_newton.usd.report_rows import build_report
+from stripe_newton.usd.textures import drop_unreadable_textures
 
 from .error import RobotFileError
 from .file_kind import file_kind
@@ -87,6 +88,7 @@ def import_robot_file(
     if problems := [*_large_shapes(builder, start), *_mass_problems(builder, start)]:
         raise RobotFileError(path, problems)
     rows += [(where.rpartition("/")[2], what, why) for where, what, why in balance_inertias(builder, start.body)]
+    rows += [(where.rpartition("/")[2], *row) for where, *row in drop_unreadable_textures(builder, start.shape)]
     if kind == "urdf":  # MuJoCo's format means the hull
         names = [builder.shape_label[s].rpartition("/")[2] for s, _ in concave_meshes(builder, start.shape)]
         rows += [(name, "concave mesh collider", "its convex hull collides") for name in names]
