@@ -236,7 +236,7 @@ def _add_mjcf(
     complete_mjcf(builder, str(path), start, keyframe, xform, scale)
     tied: list[Row] = []
     if not own.get("collapse_fixed_joints"):
-        tied += tie_sites(builder, start.equality, model, scale)
+        tie_sites(builder, start.equality, model, scale, xform)
         tied += let_tied_bodies_collide(builder, start.equality, model)
     return [*tied, *mjcf_rows(builder, start, model, options), *joint_motion_rows(builder, start.joint, model, scale)]
 

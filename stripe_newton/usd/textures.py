@@ -63,7 +63,9 @@ def _check_picture(file: str) -> None:
     """Raise an error if a picture is damaged, without decoding all of it if its format allows that."""
     with Image.open(file) as picture:
         if picture.format == "PNG":
-            picture.verify()  # compares the checksums of its chunks
+            picture.verify()  # compares the checksums of its chunks, but for the last that there is
+            if b"IEND" not in Path(file).read_bytes()[-64:]:
+                raise OSError("image file is truncated")
         else:
             picture.draft("RGB", (1, 1))  # a JPEG in an eighth of its size
             picture.load()

@@ -172,8 +172,8 @@ def test_textures_that_cannot_be_read_are_rows_and_the_mesh_is_drawn(tmp_path):
     (tmp_path / "text.png").write_text("hello")
     reasons = {"good.png": "", "cut.png": "cannot be read", "cut.jpg": "cannot be read", "text.png": "is no picture",
                "gone.png": "does not exist", "t.<UDIM>.png": "has several tiles", ".": "is no file"}  # fmt: skip
-    for name, reason in reasons.items():
-        (file := tmp_path / "scene.usda").write_text(_TEXTURED.replace("FILE", name))
+    for number, (name, reason) in enumerate(reasons.items()):
+        (file := tmp_path / f"scene_{number}.usda").write_text(_TEXTURED.replace("FILE", name))
         cfg = SimulationCfg(device="cpu")
         with warnings.catch_warnings(action="ignore"):
             scene = InteractiveScene.from_usd(file, sim_cfg=cfg)
