@@ -88,7 +88,8 @@ def import_robot_file(
     if problems := [*_large_shapes(builder, start), *_mass_problems(builder, start)]:
         raise RobotFileError(path, problems)
     rows += [(where.rpartition("/")[2], what, why) for where, what, why in balance_inertias(builder, start.body)]
-    rows += [(where.rpartition("/")[2], *row) for where, *row in drop_unreadable_textures(builder, start.shape)]
+    textures = drop_unreadable_textures(builder, start.shape)
+    rows += [(where.rpartition("/")[2], what, why) for where, what, why in textures]
     if kind == "urdf":  # MuJoCo's format means the hull
         names = [builder.shape_label[s].rpartition("/")[2] for s, _ in concave_meshes(builder, start.shape)]
         rows += [(name, "concave mesh collider", "its convex hull collides") for name in names]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import torch
 from torch.utils._pytree import tree_leaves, tree_map
@@ -138,7 +139,8 @@ class Call:
         try:
             args, kwargs = tree_map(_without_memory, (tuple(self.args), dict(self.kwargs)))
             if self.name == "linalg_vector_norm":  # of one column, torch 2.11 keeps the dimension on the meta device
-                made: object = torch.sum(args[0], self.named["dim"], keepdim=bool(self.named["keepdim"]))
+                dim = cast("list[int] | None", self.named["dim"])
+                made: object = torch.sum(args[0], dim, keepdim=bool(self.named["keepdim"]))
             else:
                 made = call(*args, **kwargs)
         except (NotImplementedError, RuntimeError) as error:
