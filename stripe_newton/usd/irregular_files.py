@@ -89,4 +89,5 @@ def _resolved(asset: str, name: str) -> str:
     """Path of an asset by USD's resolver: beside the layer, or where the resolver searches."""
     resolver = Ar.GetResolver()
     identifier = resolver.CreateIdentifier(asset, Ar.ResolvedPath(os.path.abspath(name)))
-    return resolver.Resolve(identifier).GetPathString() or identifier
+    # Tiles have no file of that name: beside the layer.
+    return resolver.Resolve(identifier).GetPathString() or os.path.join(os.path.dirname(os.path.abspath(name)), asset)
