@@ -25,6 +25,7 @@ from stripe_newton.usd.builder_start import BuilderStart
 from stripe_newton.usd.concave_meshes import concave_meshes
 from stripe_newton.usd.inertia_balance import balance_inertias
 from stripe_newton.usd.report_rows import build_report
+from stripe_newton.usd.textures import drop_unreadable_textures
 
 from .error import RobotFileError
 from .file_kind import file_kind
@@ -87,6 +88,8 @@ def import_robot_file(
     if problems := [*_large_shapes(builder, start), *_mass_problems(builder, start)]:
         raise RobotFileError(path, problems)
     rows += [(where.rpartition("/")[2], what, why) for where, what, why in balance_inertias(builder, start.body)]
+    textures = drop_unreadable_textures(builder, start.shape)
+    rows += [(where.rpartition("/")[2], what, why) for where, what, why in textures]
     if kind == "urdf":  # MuJoCo's format means the hull
         names = [builder.shape_label[s].rpartition("/")[2] for s, _ in concave_meshes(builder, start.shape)]
         rows += [(name, "concave mesh collider", "its convex hull collides") for name in names]
@@ -234,7 +237,7 @@ def _add_mjcf(
     complete_mjcf(builder, str(path), start, keyframe, xform, scale)
     tied: list[Row] = []
     if not own.get("collapse_fixed_joints"):
-        tied += tie_sites(builder, start.equality, model, scale)
+        tie_sites(builder, start.equality, model, scale, xform)
         tied += let_tied_bodies_collide(builder, start.equality, model)
     return [*tied, *mjcf_rows(builder, start, model, options), *joint_motion_rows(builder, start.joint, model, scale)]
 

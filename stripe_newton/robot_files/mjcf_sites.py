@@ -12,12 +12,16 @@ import numpy as np
 import warp as wp
 from newton.solvers import SolverMuJoCo
 
-from .urdf_checks import Row
-
 __all__ = ["tie_sites", "tied_rows"]
 
 
-def tie_sites(builder: newton.ModelBuilder, first: int, model: mujoco.MjModel, scale: float = 1.0) -> Iterator[Row]:
+def tie_sites(
+    builder: newton.ModelBuilder,
+    first: int,
+    model: mujoco.MjModel,
+    scale: float = 1.0,
+    xform: wp.transform | None = None,
+) -> None:
     """Let constraints between sites hold the sites, for which Newton takes the second body as it is at the start.
 
     The two are the same where the sites are in one place at the start, as in most files.
@@ -27,13 +31,11 @@ def tie_sites(builder: newton.ModelBuilder, first: int, model: mujoco.MjModel, s
         first: Number of MuJoCo's equality constraints before the file was added.
         model: MuJoCo's model of the file.
         scale: Scale of lengths.
-
-    Yields:
-        A row for each constraint with the world whose sites are apart, which stays as Newton has it.
+        xform: Pose of the file's world frame; None: the identity.
     """
     for row, equality in _rows(builder, first, model):
         if model.eq_objtype[equality] == mujoco.mjtObj.mjOBJ_SITE:
-            yield from _tie(builder, row, model, equality, scale)
+            _tie(builder, row, model, equality, scale, wp.transform_identity() if xform is None else xform)
 
 
 def tied_rows(builder: newton.ModelBuilder, first: int, model: mujoco.MjModel) -> Iterator[tuple[tuple[int, int], int]]:
@@ -55,33 +57,32 @@ def _rows(builder: newton.ModelBuilder, first: int, model: mujoco.MjModel) -> It
             yield from zip(rows, equalities, strict=True)
 
 
-def _tie(builder: newton.ModelBuilder, row: int, model: mujoco.MjModel, equality: int, scale: float) -> Iterator[Row]:
+def _tie(
+    builder: newton.ModelBuilder, row: int, model: mujoco.MjModel, equality: int, scale: float, xform: wp.transform
+) -> None:
     bodies = [_column(builder, f"body{number}")[row] for number in (1, 2)]
     sites = [_frame(model, int(site), scale) for site in (model.eq_obj1id[equality], model.eq_obj2id[equality])]
+    # A site of the world is held in the builder's world, where the file's may stand elsewhere.
+    sites = [site if body >= 0 else xform * site for body, site in zip(bodies, sites, strict=True)]
+    one, two = (
+        site if body < 0 else wp.transform(*builder.body_q[body]) * site
+        for body, site in zip(bodies, sites, strict=True)
+    )
     welded = model.eq_type[equality] == mujoco.mjtEq.mjEQ_WELD
-    if min(bodies) < 0:
-        if _apart(model, equality):
-            name = model.equality(equality).name or f"equality {equality}"
-            why = "it holds its body as it is at the start, and does not pull it to the site of the world"
-            yield name, "weld" if welded else "connect", why
-        return
-    one, two = (wp.transform(*builder.body_q[body]) * site for body, site in zip(bodies, sites, strict=True))
     joint = _column(builder, "target")[row]
     if np.allclose(list(one.p), list(two.p), atol=1e-6) and (not welded or abs(np.dot(one.q, two.q)) > 1.0 - 1e-9):
         return
-    if not welded:
-        builder.joint_X_c[joint] = wp.transform(sites[1].p, wp.transform(*builder.joint_X_c[joint]).q)
+    # A point of the first body that ``connect`` holds, and of the second that ``weld`` turns about.
+    _column(builder, "anchor")[row] = sites[int(welded)].p
+    # Newton's loop joint goes from the first body to the second, and from the world where one of them is the world.
+    parent, child = sites if bodies[1] >= 0 else sites[::-1]
+    if welded:
+        _column(builder, "relpose")[row] = wp.transform(sites[0].p, sites[0].q * wp.quat_inverse(sites[1].q))
+        builder.joint_X_p[joint], builder.joint_X_c[joint] = parent, child
         return
-    _column(builder, "relpose")[row] = wp.transform(sites[0].p, sites[0].q * wp.quat_inverse(sites[1].q))
-    builder.joint_X_p[joint], builder.joint_X_c[joint] = sites
-
-
-def _apart(model: mujoco.MjModel, equality: int) -> bool:
-    """Whether the sites of a constraint are in two places at the start."""
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    one, two = (data.site_xpos[site[equality]] for site in (model.eq_obj1id, model.eq_obj2id))
-    return not np.allclose(one, two, atol=1e-6)
+    frames = builder.joint_X_p, builder.joint_X_c
+    for frame, site in zip(frames, (parent, child), strict=True):
+        frame[joint] = wp.transform(site.p, wp.transform(*frame[joint]).q)
 
 
 def _frame(model: mujoco.MjModel, site: int, scale: float) -> wp.transform:

@@ -3,16 +3,12 @@
 
 from __future__ import annotations
 
-import os
 import re
-import stat
 from pathlib import Path
-
-from pxr import Sdf, Tf
 
 from .git_lfs import POINTER_REASON, is_pointer
 
-__all__ = ["irregular_file", "last_line", "open_error", "path_reason"]
+__all__ = ["last_line", "open_error", "path_reason"]
 
 _SYNTAX = re.compile(r"'(?P<file>[^'\n]*?):(?P<line>\d+):(?P<column>\d+): (?P<text>.*)")
 
@@ -65,28 +61,3 @@ def _undecodable(path: Path) -> str:
         except UnicodeDecodeError as error:
             return f"line {number}, column {error.start + 1}: byte {line[error.start]:#04x} is not UTF-8"
     return "a file that it refers to is not UTF-8"
-
-
-def irregular_file(path: Path) -> str:
-    """Path of a file that the stage refers to and that is neither a file nor a folder; empty without one.
-
-    USD would wait for ever for a pipe that nobody writes to.
-    """
-    seen, todo = set[str](), [str(path)]
-    while todo:
-        name = todo.pop()
-        if name in seen:
-            continue
-        seen.add(name)
-        try:
-            layer = Sdf.Layer.FindOrOpen(name)
-        except Tf.ErrorException:  # which opening the stage will report
-            continue
-        for asset in layer.GetCompositionAssetDependencies() if layer else ():
-            if not asset or Sdf.Layer.IsAnonymousLayerIdentifier(asset) or "[" in asset:
-                continue
-            target = Sdf.ComputeAssetPathRelativeToLayer(layer, asset)
-            if os.path.exists(target) and not stat.S_ISREG(os.stat(target).st_mode) and not os.path.isdir(target):
-                return target
-            todo.append(target)
-    return ""

@@ -33,6 +33,7 @@ from .report_rows import build_report
 from .solver_errors import solver_reason
 from .stage_access import StageError, first_path, open_stage, stage_name, walk
 from .stage_report import StageReport
+from .textures import drop_unreadable_textures
 
 __all__ = ["check_content", "inspect_stage", "load_stage"]
 
@@ -85,6 +86,7 @@ def load_stage(
     articulate_single_joints(builder, start.joint, rows)
     set_translation_states(builder, start.joint, prepared)
     open_empty_drives(builder, start.dof)
+    rows.extend(drop_unreadable_textures(builder, start.shape))
     if solver == "mujoco":
         rows.extend(thicken_flat_meshes(builder, start.shape, name))
         rows.extend(concave_mesh_rows(builder, start.shape, static_triangles=not hulls))

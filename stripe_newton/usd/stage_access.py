@@ -10,7 +10,8 @@ from pathlib import Path
 from pxr import Tf, Usd, UsdPhysics, UsdUtils
 
 from .composition_errors import composition_problem
-from .file_errors import irregular_file, open_error, path_reason
+from .file_errors import open_error, path_reason
+from .irregular_files import irregular_file
 
 __all__ = ["StageError", "api_schemas", "asset_prim", "first_path", "open_stage", "stage_name", "walk"]
 

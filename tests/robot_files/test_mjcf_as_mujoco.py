@@ -253,6 +253,27 @@ def test_sites_that_are_apart_are_pulled_together(tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", ["connect", "weld"])
+@pytest.mark.parametrize("order", ["st", "ts"])
+def test_a_body_is_pulled_to_a_site_of_the_world(tmp_path, kind, order):
+    site = '<site name="s" pos=".2 .1 0" euler="0 0 30"/>'
+    body = f'<body name="a" pos="0 0 1" euler="0 10 0"><freejoint/>{INERTIAL}{site}</body>'
+    world = '<site name="t" pos="0 0.3 1.2" euler="0 0 10"/>'
+    tie = f'<equality><{kind} site1="{order[0]}" site2="{order[1]}"/></equality>'
+    builder, theirs, rows = imported(tmp_path, world + body, tie)
+    solver = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu"), use_mujoco_cpu=True)
+    ConnectAnchors(solver)
+    assert "equality 0" not in rows
+    places = []
+    for mj in (solver.mj_model, theirs):
+        mj.opt.gravity[:] = 0.0
+        mj.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        data = mujoco.MjData(mj)
+        mujoco.mj_step(mj, data, 300)
+        places.append(np.concatenate([data.xpos[1], data.xmat[1]]))
+    np.testing.assert_allclose(places[0], places[1], atol=2e-3)
+
+
+@pytest.mark.parametrize("kind", ["connect", "weld"])
 @pytest.mark.parametrize("excluded", [False, True])
 def test_tied_bodies_collide_as_in_mujoco(tmp_path, kind, excluded):
     body = '<body name="{}" pos="{} 0 0"><freejoint/><geom size="0.1"/></body>'

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import os
+import warnings
 
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import SimulationCfg
@@ -111,6 +113,75 @@ def test_a_pipe_as_a_reference_is_refused_and_not_waited_for(tmp_path):
     file.write_text("#usda 1.0\n(\n    subLayers = [@inner.usda@]\n)\n")
     refuse(file, "", "pipe.usda, which is no regular file")
     refuse(tmp_path / "pipe.usda", "", "is no regular file")
+
+
+_CLIPS = "(clips = {dictionary default = {asset[] assetPaths = [@pipe.usda@]}})"
+_PARTS = {
+    "error in it": "(references = @pipe.usda@) {\nfloat x = (1, 2)\n}",
+    "error below it": "(references = @broken.usda@) {\n}",
+    "arguments": "(references = @pipe.usda:SDF_FORMAT_ARGS:a=b@) {\n}",
+    "package": "(references = @pipe.usdz[a.usda]@) {\n}",
+    "expression": '(references = @`"${NAME}.usda"`@) {\n}',
+    "clips": _CLIPS + " {\n}",
+    "texture": "{\nasset inputs:file = @pipe.png@\n}",
+    "tiles": "{\nasset inputs:file = @pipe.<UDIM>.png@\n}",
+}
+
+
+@pytest.mark.parametrize("prim", _PARTS.values(), ids=_PARTS)
+def test_a_pipe_is_found_however_a_stage_refers_to_it(tmp_path, prim):
+    for suffix in ("usda", "usdz", "png", "1001.png"):
+        os.mkfifo(tmp_path / f"pipe.{suffix}")
+    head = '#usda 1.0\n(\nexpressionVariables = {\nstring NAME = "pipe"\n}\n)\n'
+    (tmp_path / "broken.usda").write_text('#usda 1.0\ndef "A" (references = @pipe.usda@) {\nfloat x = (1, 2)\n}\n')
+    file = tmp_path / "scene.usda"
+    file.write_text(f'{head}def "A" {prim}\n')
+    refuse(file, "", "which is no regular file")
+
+
+_TEXTURED = """#usda 1.0
+def Material "M" {
+    token outputs:surface.connect = </M/S.outputs:surface>
+    def Shader "S" {
+        uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>
+        token outputs:surface
+    }
+    def Shader "T" {
+        uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @FILE@
+        float3 outputs:rgb
+    }
+}
+def Mesh "A" (prepend apiSchemas = ["MaterialBindingAPI", "PhysicsCollisionAPI"]) {
+    rel material:binding = </M>
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "vertex")
+}
+"""
+
+
+def test_textures_that_cannot_be_read_are_rows_and_the_mesh_is_drawn(tmp_path):
+    noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
+    for name in ("good.png", "cut.png", "cut.jpg", "t.1001.png"):
+        Image.fromarray(noise).save(tmp_path / name)
+    for name in ("cut.png", "cut.jpg"):
+        (tmp_path / name).write_bytes((tmp_path / name).read_bytes()[:900])
+    (tmp_path / "text.png").write_text("hello")
+    reasons = {"good.png": "", "cut.png": "cannot be read", "cut.jpg": "cannot be read", "text.png": "is no picture",
+               "gone.png": "does not exist", "t.<UDIM>.png": "has several tiles", ".": "is no file"}  # fmt: skip
+    for number, (name, reason) in enumerate(reasons.items()):
+        (file := tmp_path / f"scene_{number}.usda").write_text(_TEXTURED.replace("FILE", name))
+        cfg = SimulationCfg(device="cpu")
+        with warnings.catch_warnings(action="ignore"):
+            scene = InteractiveScene.from_usd(file, sim_cfg=cfg)
+        rows = [why for path, what, why in scene.builder.reports[0].ignored if (path, what) == ("/A", "texture")]
+        assert len(rows) == bool(reason), name
+        assert reason in "".join(rows), name
+        SceneRenderer(scene.sim, ViewerCfg(resolution=(16, 16))).render()
+        scene.close()
 
 
 def test_two_disabled_bodies_with_a_joint_between_them_are_static():
