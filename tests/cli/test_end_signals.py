@@ -16,6 +16,7 @@ from tests.helpers.checkout import PYTHONPATH
 
 PROGRAM = """
 import atexit, ctypes, os, signal, sys, threading, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which is ignored where the tests run in the background
 sys.argv = ["stripe-newton", "stay"]
 import stripe_newton.cli as cli
 from stripe_newton.cli import end_signals

@@ -50,7 +50,8 @@ def test_rows_have_results_or_reasons_and_the_next_task_follows(tmp_path, monkey
     cells = [cell.strip() for cell in lines[3].split("|")]
     assert cells[3:7] == ["64", "3", "1", "200"]
     assert cells[8] == "5 s"
-    assert cells[9] == "success 50.0 %, ended early 25.0 %, length 90 of 100, error 0.125"
+    tracked = "success 50.0 %, tracked to the end 75.0 %, ended early 25.0 %, length 90 of 100, error 0.125"
+    assert cells[9] == tracked
     train, evaluate = (next(w for w in called if w[:2] == (name, "A-Tracking-v0")) for name in ("train", "eval"))
     assert train[-2:] == ("--env.commands.motion.motion-file", "m.csv")
     assert "start" in evaluate
