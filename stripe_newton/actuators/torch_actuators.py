@@ -218,30 +218,42 @@ class CallsTorchLaw(IdealPDActuatorCfg):
         rows = [dofs[i] for i in ids]
         drives = {a.indices.numpy()[0]: a.drive for a in sim.model.actuators if isinstance(a.drive, TorchDrive)}
         slot = drives[rows[0]].slot
-        slot.law = self.make_law_of(_group(sim, slot, own, ids, rows))
+        given = ("stiffness", "damping", "effort_limit")  # what the config says, as the model's drives are off
+        numbers = {k: torch.tensor([joint[k] for joint in slot.numbers], device=sim.device) for k in given}
+        own_rows = {k: values.repeat(sim.num_envs, 1) for k, values in numbers.items()}
+        slot.law = self.make_law_of(joint_group(sim, own, ids, rows, **own_rows))
         slot.law.reset(torch.arange(sim.num_envs, device=sim.device))
 
 
-def _group(sim: Simulation, slot: _Slot, names: list[str], ids: list[int], rows: list[int]) -> JointGroup:
-    dofs, shape = torch.tensor(rows, device=sim.device), (sim.num_envs, len(rows))
+def joint_group(
+    sim: Simulation, names: list[str], ids: list[int], rows: Sequence[int], **given: torch.Tensor
+) -> JointGroup:
+    """The joints of a law, with the numbers of the model but for those that are given.
 
-    def of_model(array: wp.array) -> torch.Tensor:
-        return wp.to_torch(array).view(sim.num_envs, -1)[:, dofs].clone()
-
-    def of_joints(name: str) -> torch.Tensor:
-        return torch.tensor([joint[name] for joint in slot.numbers], device=sim.device).expand(shape).clone()
-
+    Args:
+        sim: The simulation.
+        names: Names of the joints.
+        ids: Their indices in the articulation.
+        rows: Their degrees of freedom in an environment.
+        given: Tensors of the group by name, shape ``(num_envs, num_joints)``.
+    """
     model: newton.Model = sim.model
-    return JointGroup(
-        names, ids, sim.num_envs, sim.device,
-        stiffness=of_joints("stiffness"),
-        damping=of_joints("damping"),
-        effort_limit=of_joints("effort_limit"),
-        velocity_limit=of_model(model.joint_velocity_limit),
-        armature=of_model(model.joint_armature),
-        friction=of_model(model.joint_friction),
-        viscous_friction=of_model(model.joint_damping),
-    )  # fmt: skip
+    arrays = {
+        "stiffness": model.joint_target_ke,
+        "damping": model.joint_target_kd,
+        "effort_limit": model.joint_effort_limit,
+        "velocity_limit": model.joint_velocity_limit,
+        "armature": model.joint_armature,
+        "friction": model.joint_friction,
+        "viscous_friction": model.joint_damping,
+    }
+    found = {k: sim.per_env(array)[:, list(rows)].clone() for k, array in arrays.items() if k not in given}
+    return JointGroup(names, ids, sim.num_envs, sim.device, **found, **given)
+
+
+def law_name(make_law: Callable[..., object]) -> str:
+    """Name of what makes a law, for messages."""
+    return getattr(make_law, "__name__", type(make_law).__name__)
 
 
 @configclass
@@ -257,7 +269,7 @@ class TorchActuatorCfg(CallsTorchLaw):
     """Makes the law of a group of joints when the scene is built, such as a class ``MyLaw(cfg, group)``."""
 
     def law_name(self) -> str:
-        return getattr(self.make_law, "__name__", type(self.make_law).__name__)
+        return law_name(self.make_law)
 
     def make_law_of(self, group: JointGroup) -> TorchLaw:
         return self.make_law(self, group)

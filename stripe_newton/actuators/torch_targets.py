@@ -7,13 +7,12 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import torch
-import warp as wp
 
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.matching import match_names
 
 from .actuator_cfg import ActuatorCfg, ImplicitActuatorCfg
-from .torch_actuators import JointGroup
+from .torch_actuators import JointGroup, joint_group, law_name
 
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
@@ -127,26 +126,9 @@ class ChangesTargets(ImplicitActuatorCfg):
             return
         ids, own = match_names(self.joint_names_expr, names, what="joint")
         rows = [dofs[i] for i in ids]
-        law = self.make_law_of(_group(sim, own, ids, rows))
+        law = self.make_law_of(joint_group(sim, own, ids, rows))
         sim.actuation.changed_targets.append(ChangedTargets(sim, law, self.law_name(), rows))
         law.reset(torch.arange(sim.num_envs, device=sim.device))
-
-
-def _group(sim: Simulation, names: list[str], ids: list[int], rows: list[int]) -> JointGroup:
-    def of(array: wp.array) -> torch.Tensor:
-        return sim.per_env(array)[:, rows].clone()
-
-    model = sim.model
-    return JointGroup(
-        names, ids, sim.num_envs, sim.device,
-        stiffness=of(model.joint_target_ke),
-        damping=of(model.joint_target_kd),
-        effort_limit=of(model.joint_effort_limit),
-        velocity_limit=of(model.joint_velocity_limit),
-        armature=of(model.joint_armature),
-        friction=of(model.joint_friction),
-        viscous_friction=of(model.joint_damping),
-    )  # fmt: skip
 
 
 @configclass
@@ -161,7 +143,7 @@ class TorchTargetsCfg(ChangesTargets):
     """Makes the law of a group of joints when the scene is built, such as a class ``MyLaw(cfg, group)``."""
 
     def law_name(self) -> str:
-        return getattr(self.make_law, "__name__", type(self.make_law).__name__)
+        return law_name(self.make_law)
 
     def make_law_of(self, group: JointGroup) -> TargetLaw:
         return self.make_law(self, group)
