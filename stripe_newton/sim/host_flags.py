@@ -15,16 +15,16 @@ class HostFlags:
     The host sees them as of the work that the device has finished, without waiting for the rest.
 
     Attributes:
-        array: The integers for kernels, int32, shape ``(count,)``.
+        array: The integers for kernels, of ``dtype``, shape ``(count,)``.
     """
 
-    def __init__(self, count: int, device: str):
+    def __init__(self, count: int, device: str, dtype: type = wp.int32):
         on_gpu = device != "cpu"
-        self._memory = wp.zeros(count, dtype=wp.int32, device="cpu", pinned=on_gpu)
+        self._memory = wp.zeros(count, dtype=dtype, device="cpu", pinned=on_gpu)
         self._view: np.ndarray = self._memory.numpy()
         self.array = self._memory
         if on_gpu:  # under unified addressing the device knows pinned memory by the same address
-            self.array = wp.array(ptr=self._memory.ptr, dtype=wp.int32, shape=(count,), device=device)
+            self.array = wp.array(ptr=self._memory.ptr, dtype=dtype, shape=(count,), device=device)
 
     def __getitem__(self, index: int) -> int:
         return int(self._view[index])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Replicated model: the model of many equal environments, with the shapes of the first one looked at alone.
+"""Model of equal environments: Newton makes it of the first one's shapes, whose arrays are then repeated.
 
 Newton's ``ModelBuilder.finalize`` goes through all shapes ten times, in Python. A quadruped of 75 shapes in 4096
 environments has 300,000 of them, which took half of the time that its scene takes to build. What it finds for a shape

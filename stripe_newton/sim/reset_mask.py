@@ -8,6 +8,8 @@ import warp as wp
 
 from stripe_kernels.env_rows import BLOCK, count_masked, list_masked_first
 
+from .host_flags import HostFlags
+
 __all__ = ["ResetMask"]
 
 
@@ -39,12 +41,7 @@ class ResetMask:
         self.order = wp.zeros(num_envs, dtype=wp.int64, device=device)
         self.count = wp.zeros(1, dtype=int, device=device)
         self._counts = wp.zeros(-(-num_envs // int(BLOCK)), dtype=int, device=device)
-        on_gpu = wp.get_device(device).is_cuda
-        self._report_on_host = wp.zeros(1, dtype=wp.int64, device="cpu", pinned=on_gpu)
-        self._report = self._report_on_host
-        if on_gpu:  # under unified addressing the device knows pinned memory by the same address
-            self._report = wp.array(ptr=self._report.ptr, dtype=wp.int64, shape=(1,), device=device)
-        self._reported = memoryview(self._report_on_host.numpy())
+        self._report = HostFlags(1, device, dtype=wp.int64)
         self._lists_made = wp.zeros(1, dtype=int, device=device)
         self.listed_in_step = False
         self._listed = False
@@ -72,7 +69,7 @@ class ResetMask:
         """Launch the kernels that list the environments. They may be part of a graph."""
         num_envs, device = len(self.order), self.array.device
         wp.launch(count_masked, len(self._counts), [self.array], [self._counts], device=device)
-        inputs, outputs = [self.array, self._counts], [self.order, self.count, self._lists_made, self._report]
+        inputs, outputs = [self.array, self._counts], [self.order, self.count, self._lists_made, self._report.array]
         wp.launch(list_masked_first, num_envs, inputs, outputs, device=device)
         if not device.is_capturing:
             self._note_list()
@@ -87,7 +84,7 @@ class ResetMask:
         if self._number is None:
             self._list()
             self.wait()
-            self._number = self._reported[0] & 0xFFFFFFFF
+            self._number = self._report[0] & 0xFFFFFFFF
         return self._number
 
     def wait(self) -> None:
@@ -97,14 +94,14 @@ class ResetMask:
         stream. If the report does not come, as nobody launched the list, it waits for all that was launched.
         """
         for _ in range(_LOOKS):
-            if self._reported[0] >> 32 == self._lists:
+            if self._report[0] >> 32 == self._lists:
                 self._awaited = True
                 return
         self._synchronize()
 
     def _synchronize(self) -> None:
         wp.synchronize_device(self.array.device)
-        self._lists, self._awaited = self._reported[0] >> 32, True
+        self._lists, self._awaited = self._report[0] >> 32, True
 
     def indices(self) -> torch.Tensor:
         """Indices of the environments, int64, shape ``(n,)``, on the device. The first call of a step waits for it."""
