@@ -150,7 +150,7 @@ def test_marks_see_the_work_of_torch_and_of_warp():
 @wp.kernel(enable_backward=False)
 def _count(rounds: int, values: wp.array[float]):
     """A kernel that takes long: its rounds depend on each other."""
-    x = float(0.0)
+    x = values[0]
     for _ in range(rounds):
         x = x * 0.5 + 1.0
     values[0] = x
