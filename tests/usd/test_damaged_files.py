@@ -124,6 +124,10 @@ _PARTS = {
     "expression": '(references = @`"${NAME}.usda"`@) {\n}',
     "clips": _CLIPS + " {\n}",
     "texture": "{\nasset inputs:file = @pipe.png@\n}",
+    "array": "{\nasset[] files = [@pipe.png@]\n}",
+    "samples": "{\nasset inputs:file.timeSamples = {\n1: @pipe.png@,\n}\n}",
+    "variant": '(variantSets = "v") {\nvariantSet "v" = {\n"a" (references = @pipe.usda@) {\n}\n}\n}',
+    "payload": "(payload = @pipe.usda@) {\n}",
     "tiles": "{\nasset inputs:file = @pipe.<UDIM>.png@\n}",
 }
 

@@ -42,6 +42,15 @@ def test_a_missing_file_is_named_before_what_is_missing_from_it_and_only_the_fir
     assert capfd.readouterr().err == ""  # USD would print each of them, too
 
 
+def test_prims_that_lead_back_to_themselves(tmp_path):
+    file = tmp_path / "scene.usda"
+    file.write_text('#usda 1.0\ndef "A" (references = </B>) {\n}\ndef "B" {\ndef "C" (inherits = </A>) {\n}\n}\n')
+    with pytest.raises(StageError, match="which leads back to it; take that out") as caught:
+        load(file)
+    assert "cannot inherit from /A" in str(caught.value)
+    assert "@" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("asset", "reason"),
     [
