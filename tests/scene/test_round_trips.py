@@ -26,7 +26,7 @@ REFUSED = {
     "newton/examples/assets/mpm_sand.usda": SOFT,
     "newton/examples/assets/nv_humanoid.xml": "MuJoCo refuses it",
     "newton/tests/assets/deformables_mixed.usda": SOFT,
-    "newton/tests/assets/humanoid.urdf": "<capsule> has no",
+    "newton/tests/assets/humanoid.urdf": "moves and has no mass",
     "newton/tests/assets/mpm_material_subsets.usda": SOFT,
     "newton/tests/assets/mpm_two_prims.usda": SOFT,
     "newton/tests/assets/tetmesh_custom_attrs.usda": SOFT,

@@ -18,6 +18,14 @@ def test_a_missing_file_a_folder_and_a_file_that_is_not_usd(tmp_path):
     broken = tmp_path / "broken.usda"
     broken.write_text("hello")
     refuse(broken, "", "is not a USD file")
+    broken.write_text("#usda 1.0\nint a = (1,\n")
+    refuse(broken, "", "line 2, column")
+    with pytest.raises(StageError, match=r"syntax error|Expected") as caught:
+        load(broken)
+    assert "pxrInternal" not in str(caught.value)
+    robot = tmp_path / "robot.urdf"
+    robot.write_text('<robot name="r"><link name="base"/></robot>')
+    refuse(robot, "", "USD has no format with the suffix '.urdf'; give a .usd")
     broken.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 3\n")
     refuse(broken, "", "is a pointer of git LFS, not the file itself; fetch that with 'git lfs pull'")
 
