@@ -134,7 +134,8 @@ def _add_urdf(
     packages, visuals = own.pop("packages", None), own.get("parse_visuals_as_colliders", False)
     gains = own.pop("joint_stiffness", None), own.pop("joint_damping", None)
     capsules, merge = own.pop("replace_cylinders_with_capsules", False), own.pop("collapse_fixed_joints", False)
-    text, rows = prepare_urdf(path, own.get("floating"), packages, visuals)
+    custom = {str(attribute.urdf_attribute_name) for attribute in builder.custom_attributes.values()}
+    text, rows = prepare_urdf(path, own.get("floating"), packages, visuals, custom)
     start = BuilderStart(builder)
     builder.add_urdf(text, xform=xform, **own)
     _open_empty_ranges(builder, start.dof)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from copy import deepcopy
 from pathlib import Path
 from xml.etree import ElementTree
@@ -11,13 +11,18 @@ from xml.etree.ElementTree import Element
 
 from .error import RobotFileError
 from .mesh_files import MeshFiles, mesh_problem
-from .urdf_checks import Row, massless_links, part_problems, urdf_problems, urdf_rows
+from .urdf_checks import UNREAD, Row, massless_links, part_problems, urdf_problems, urdf_rows
+from .urdf_unread import unread_rows
 
 __all__ = ["prepare_urdf"]
 
 
 def prepare_urdf(
-    path: Path, floating: bool | None, packages: Mapping[str, str] | None = None, visuals_collide: bool = False
+    path: Path,
+    floating: bool | None,
+    packages: Mapping[str, str] | None = None,
+    visuals_collide: bool = False,
+    custom: Collection[str] = (),
 ) -> tuple[str, list[Row]]:
     """Read a URDF file as it will be imported.
 
@@ -29,6 +34,7 @@ def prepare_urdf(
         floating: Whether its root link floats, as the config says; None leaves it to the file.
         packages: Folder of a ROS package by its name.
         visuals_collide: Whether visual geometry is collided with.
+        custom: Attributes beyond those of URDF that Newton reads.
 
     Returns:
         XML for Newton's importer, and rows of what is left out, read differently or changed.
@@ -37,13 +43,16 @@ def prepare_urdf(
         RobotFileError: everything that is wrong with the file.
     """
     robot = ElementTree.parse(path).getroot()
+    for capsule in robot.iter("capsule"):
+        if capsule.get("height") is None and (length := capsule.get("length")) is not None:
+            capsule.set("height", length)  # URDF's name for what Newton's importer calls its height
     problems, rows = list(urdf_problems(robot, floating)), list[Row]()
     files = MeshFiles(path, packages)
     for link in robot.findall("link"):
         problems += [f"link '{link.get('name')}': {p}" for p in _resolve_parts(link, files, visuals_collide, rows)]
     if problems:
         raise RobotFileError(path, problems)
-    rows[:0] = urdf_rows(robot)
+    rows[:0] = [*urdf_rows(robot), *unread_rows(robot, UNREAD, custom)]
     massless = list(massless_links(robot))
     for link in robot.findall("link"):
         if link.get("name") in massless:

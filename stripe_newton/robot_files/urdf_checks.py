@@ -13,7 +13,7 @@ from stripe_newton.usd.body_masses import moments_problem
 
 from .numbers import number_problems, numbers_of
 
-__all__ = ["Row", "massless_links", "part_problems", "undecided_root", "urdf_problems", "urdf_rows"]
+__all__ = ["UNREAD", "Row", "massless_links", "part_problems", "undecided_root", "urdf_problems", "urdf_rows"]
 
 Row = tuple[str, str, str]
 """``(element, what, why)``: something that is left out, read differently from what the file says, or changed."""
@@ -37,6 +37,8 @@ _UNREAD_OF_JOINTS = {
     "safety_controller": "soft limits are set by soft_joint_pos_limit_factor",
     "calibration": "of the real robot's encoders",
 }
+UNREAD = frozenset((*_UNREAD, *_UNREAD_OF_JOINTS))
+"""Elements that :func:`urdf_rows` has rows for."""
 
 
 def urdf_problems(robot: Element, floating: bool | None) -> Iterator[str]:

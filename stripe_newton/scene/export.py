@@ -11,7 +11,7 @@ import newton
 from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from stripe_newton.sim import RigidBodyMaterialCfg
-from stripe_newton.usd import StageReport, schema_typed, to_si
+from stripe_newton.usd import StageReport, labelled_prim, schema_typed, to_si
 
 from .export_joints import AuthoredJoints, export_joints
 from .scene_contents import SceneContents
@@ -84,7 +84,7 @@ def _author_free_roots(stage: Usd.Stage, builder: newton.ModelBuilder, authored:
     """Put the root bodies of floating articulations, and all bodies below them, where the configs say."""
     for joint, kind in enumerate(builder.joint_type):
         label = builder.body_label[builder.joint_child[joint]]
-        prim = stage.GetPrimAtPath(label) if label.startswith("/") else None
+        prim = labelled_prim(stage, label)
         start = builder.joint_q_start[joint]
         free = kind == newton.JointType.FREE and builder.joint_parent[joint] == -1
         if not prim or not free or not authored.moved(builder, start):

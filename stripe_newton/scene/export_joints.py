@@ -17,6 +17,8 @@ import newton
 from newton import JointType
 from pxr import Sdf, Usd, UsdPhysics
 
+from stripe_newton.usd import labelled_prim
+
 from .export_actuators import Actuator, actuators_by_dof, author_actuator, remove_actuators
 
 __all__ = ["AuthoredJoints", "export_joints"]
@@ -84,7 +86,7 @@ def export_joints(stage: Usd.Stage, builder: newton.ModelBuilder, authored: Auth
     """
     actuators = actuators_by_dof(builder)
     for joint, label in enumerate(builder.joint_label):
-        prim = stage.GetPrimAtPath(label) if label.startswith("/") else None
+        prim = labelled_prim(stage, label)
         if not prim or builder.joint_type[joint] not in (JointType.REVOLUTE, JointType.PRISMATIC, JointType.D6):
             continue
         axes = _axes(stage, prim, builder, joint)

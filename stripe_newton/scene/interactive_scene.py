@@ -15,7 +15,7 @@ from stripe_newton.assets import AssetBase
 from stripe_newton.configclass import ConfigError
 from stripe_newton.sim import Simulation, SimulationCfg
 from stripe_newton.sim.scene_context import ENV_0, authored_path
-from stripe_newton.usd import StageError, ignored_text, open_stage, solver_reason, stage_name
+from stripe_newton.usd import Ignored, StageError, ignored_text, open_stage, solver_reason, stage_name
 
 from .builder import SceneBuilder
 from .controller import SceneController
@@ -108,6 +108,7 @@ class InteractiveScene(SceneContents):
             # What the solver does not take: it says so by names that it makes of the paths.
             raise StageError(stage_name(stage), *solver_reason(scene.builder.template_labels, error)) from error
         scene.sim.watch_finite()
+        scene.builder.reports[0].ignored[:0] = _other_environments(stage, scene.builder.template_root)
         rows = [row for report in scene.builder.reports for row in report.ignored]
         if rows:
             warnings.warn(ignored_text(scene.builder.reports[0].file, rows), stacklevel=2)
@@ -263,3 +264,14 @@ class InteractiveScene(SceneContents):
     def close(self) -> None:
         """Release the simulation."""
         self.sim.close()
+
+
+def _other_environments(stage: Usd.Stage, template_root: str) -> Ignored:
+    """A row for environments that a stage has beside the one whose copies the scene has."""
+    if template_root != ENV_0:
+        return []
+    others = [str(p.GetPath()) for p in stage.GetPrimAtPath(ENV_0).GetParent().GetChildren() if p.GetPath() != ENV_0]
+    if not others:
+        return []
+    where = others[0] + (f" (+{len(others) - 1} more)" if len(others) > 1 else "")
+    return [(where, "environment", f"left out: every environment is a copy of {ENV_0}; num_envs sets their number")]

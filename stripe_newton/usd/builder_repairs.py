@@ -10,6 +10,7 @@ from pxr import Usd
 
 from .ignored_rows import Ignored
 from .mesh_copies import with_geometry
+from .stage_access import labelled_prim
 
 __all__ = ["articulate_single_joints", "open_empty_drives", "set_translation_states", "unmirror_meshes"]
 
@@ -93,7 +94,7 @@ def set_translation_states(builder: newton.ModelBuilder, first: int, stage: Usd.
     """
     for joint in range(first, builder.joint_count):
         linear, _ = builder.joint_dof_dim[joint]
-        prim = stage.GetPrimAtPath(builder.joint_label[joint]) if builder.joint_label[joint].startswith("/") else None
+        prim = labelled_prim(stage, builder.joint_label[joint])
         if builder.joint_type[joint] != JointType.D6 or not prim or prim.GetTypeName() != "PhysicsJoint":
             continue
         dof, coord = builder.joint_qd_start[joint], builder.joint_q_start[joint]

@@ -19,6 +19,9 @@ _ASSET = re.compile(r"Could not open asset @(?P<file>.*?)@ for (?P<arc>\w+) intr
 _PRIM = re.compile(
     r"Unresolved (?P<arc>\w+) prim path @(?P<file>.*?)@<(?P<target>.*?)> introduced by @.*?@<(?P<prim>.*?)>"
 )
+_CYCLE = re.compile(r"@<(?P<prim>[^>]*)> (?:which )?CANNOT (?P<arc>[\w ]+): @.*@<(?P<target>[^>]*)>$")
+_SESSION = re.compile(r",@anon:[^@]*@")
+"""The layer in memory that USD adds to each stage."""
 _MATERIALX = ".mtlx"
 _WEB = re.compile(r"\w\w+:/")
 _SHOWN = 3
@@ -36,7 +39,7 @@ def composition_problem(stage: Usd.Stage) -> tuple[str, str]:
     folder = Path(stage.GetRootLayer().realPath or ".").parent
     shown = [_problem(text, folder) for text in texts[:_SHOWN]]
     more = f"; and {len(texts) - _SHOWN} more" if len(texts) > _SHOWN else ""
-    found = _ASSET.search(texts[0]) or _PRIM.search(texts[0])
+    found = _ASSET.search(texts[0]) or _PRIM.search(texts[0]) or _CYCLE.search(texts[0])
     return found["prim"] if found else "", "; ".join(shown) + more
 
 
@@ -77,8 +80,11 @@ def _problem(text: str, folder: Path) -> str:
         if found["target"] == "defaultPrim":
             return f"{found['arc']} of prim {found['prim']} names no prim of '{file}', which has no defaultPrim; set it"
         return f"{found['arc']} of prim {found['prim']} names prim {found['target']}, which is not in '{file}'"
+    elif found := _CYCLE.search(text):
+        arc, target = found["arc"], found["target"]
+        return f"prim {found['prim']} cannot {arc} {target}, which leads back to it; take that out"
     else:
-        return text
+        return _SESSION.sub("", text)
     return f"{where} {_file_problem(Path(found['file']), text)}"
 
 

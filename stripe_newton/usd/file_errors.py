@@ -10,6 +10,8 @@ from .git_lfs import POINTER_REASON, is_pointer
 
 __all__ = ["last_line", "open_error", "path_reason"]
 
+_GRAMMAR = re.compile(r"parse error matching .*?(?P<where> at '.*|$)")
+"""A rule of USD's parser by its name in C++."""
 _SYNTAX = re.compile(r"'(?P<file>[^'\n]*?):(?P<line>\d+):(?P<column>\d+): (?P<text>.*)")
 
 
@@ -33,7 +35,13 @@ def open_error(path: Path, error: Exception) -> str:
     if found is not None:
         where = f"line {found['line']}, column {found['column']}"
         other = "" if Path(found["file"]).name == path.name else f" of {found['file']}"
-        return f"{where}{other}: {found['text'].rstrip().rstrip(chr(39))}"
+        what = _GRAMMAR.sub(r"syntax error\g<where>", found["text"].rstrip().rstrip(chr(39)))
+        return f"{where}{other}: {what}".replace(" at '' in", " in")
+    if "Cannot determine file format" in text:
+        return (
+            f"USD has no format with the suffix '{path.suffix}'; give a .usd, .usda, .usdc or .usdz file, or load a "
+            "URDF or MJCF file with file_spawner"
+        )
     return first_message(error)
 
 

@@ -15,16 +15,32 @@ from .stage_access import api_schemas
 __all__ = ["ignored_content", "unapplied_attributes"]
 
 _PHYSICS_PREFIXES = ("physics:", "drive:", "limit:")
+_SHAPES = ("Cube", "Sphere", "Capsule", "Cylinder", "Cone", "Plane", "Mesh")
+"""Types with a shape in Newton."""
 _VENDOR_PREFIXES = ("physx", "omniphysics")
 
 
 def ignored_content(prims: list[Usd.Prim]) -> list[tuple[str, str, str]]:
     """``(path, what, why)`` of everything on the prims that is left out or read differently from what is authored."""
-    rows: list[tuple[str, str, str]] = []
+    places: dict[tuple[str, str], list[str]] = {}
     for prim in prims:
-        path = str(prim.GetPath())
-        rows.extend((path, what, why) for what, why in _prim_ignored(prim))
-    return [*rows, *_second_scenes(prims), *unknown_types(prims), *_vendor_attributes(prims)]
+        for row in _prim_ignored(prim):
+            places.setdefault(row, []).append(str(prim.GetPath()))
+    rows = [(_first(paths), what, why) for (what, why), paths in places.items()]
+    rows += _second_scenes(prims)
+    return [*rows, *_shapeless_types(prims), *unknown_types(prims), *_vendor_attributes(prims)]
+
+
+def _shapeless_types(prims: list[Usd.Prim]) -> list[tuple[str, str, str]]:
+    """A row for each type of geometry that Newton has no shape for, and one for skeletons."""
+    found: dict[str, list[str]] = {}
+    for prim in prims:
+        if prim.IsA(UsdGeom.Gprim) and prim.GetTypeName() not in _SHAPES:
+            found.setdefault(str(prim.GetTypeName()), []).append(str(prim.GetPath()))
+    rows = _by_name(found, "Newton has no such shape: it is neither drawn nor collided with")
+    if posed := [str(prim.GetPath()) for prim in prims if prim.GetTypeName() == "SkelRoot"]:
+        rows += _by_name({"skeleton": posed}, "it poses no meshes: they are as they are modelled")
+    return rows
 
 
 def _second_scenes(prims: list[Usd.Prim]) -> Iterator[tuple[str, str, str]]:
@@ -45,13 +61,22 @@ def _prim_ignored(prim: Usd.Prim) -> Iterator[tuple[str, str]]:
             yield "staticFriction", f"Newton has one coefficient: dynamicFriction {dynamic:g} is used, not {static:g}"
     if prim.IsA(UsdPhysics.Joint):
         yield from _joint_ignored(prim)
+    if prim.IsA(UsdGeom.Mesh) and UsdGeom.Mesh(prim).GetHoleIndicesAttr().Get():
+        yield "holeIndices", "not read: its holes are faces"
     if prim.IsA(UsdGeom.Xformable):
         order = UsdGeom.Xformable(prim).GetXformOpOrderAttr().Get() or ()
         names = dict.fromkeys(name.removeprefix("!invert!") for name in order if name != "!resetXformStack!")
         if missing := [name for name in names if not prim.GetAttribute(name)]:
             yield "xformOpOrder", f"{' '.join(missing)} is not authored: left out"
-    if any(a.GetNumTimeSamples() for a in prim.GetAuthoredAttributes() if a.GetName().startswith("xformOp:")):
+    if any(a.GetNumTimeSamples() for a in prim.GetAuthoredAttributes() if _is_read(prim, a.GetName())):
         yield "animation", "only the default time is read, not time samples"
+
+
+def _is_read(prim: Usd.Prim, name: str) -> bool:
+    """Whether an attribute places a prim, shapes it, shows it or is physics."""
+    if name.startswith(("xformOp:", *_PHYSICS_PREFIXES)) or name == "visibility":
+        return True
+    return prim.IsA(UsdGeom.Gprim) and ":" not in name
 
 
 def _collider_ignored(prim: Usd.Prim) -> Iterator[tuple[str, str]]:
@@ -119,10 +144,11 @@ def unapplied_attributes(prims: list[Usd.Prim]) -> list[tuple[str, str, str]]:
 
 def _by_name(found: dict[str, list[str]], why: str) -> list[tuple[str, str, str]]:
     """A row for each name with the number of prims: a row for each of a robot's links would hide all others."""
-    return [
-        (paths[0] + (f" (+{len(paths) - 1} more)" if len(paths) > 1 else ""), name, why)
-        for name, paths in sorted(found.items())
-    ]
+    return [(_first(paths), name, why) for name, paths in sorted(found.items())]
+
+
+def _first(paths: list[str]) -> str:
+    return paths[0] + (f" (+{len(paths) - 1} more)" if len(paths) > 1 else "")
 
 
 def _vendor_attributes(prims: list[Usd.Prim]) -> list[tuple[str, str, str]]:

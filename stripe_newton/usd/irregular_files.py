@@ -51,7 +51,10 @@ def _copied_layer(name: str) -> Sdf.Layer:
     quiet = UsdUtils.CoalescingDiagnosticDelegate()  # opening the stage reports what USD would print
     try:
         if layer := Sdf.Layer.FindOrOpen(name):
-            copy.TransferContent(layer)
+            if any(UsdUtils.ExtractExternalReferences(name)):
+                copy.TransferContent(layer)
+            else:  # the copy of a large layer takes longer than this question, and has nothing to find
+                copy.expressionVariables = layer.expressionVariables
     except (Tf.ErrorException, UnicodeDecodeError):
         with contextlib.suppress(Tf.ErrorException, UnicodeDecodeError):  # raised although the content is there
             copy.Import(name)

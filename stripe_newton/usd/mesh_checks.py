@@ -20,7 +20,12 @@ def mesh_reason(prim: Usd.Prim) -> str:
     attributes = mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr(), mesh.GetFaceVertexCountsAttr()
     values = [attribute.Get() for attribute in attributes]
     if not all(values):
-        return "without points or faces"
+        animated = any(a.GetNumTimeSamples() and not v for a, v in zip(attributes, values, strict=True))
+        return (
+            "whose points or faces have time samples alone, which are not read"
+            if animated
+            else "without points or faces"
+        )
     try:
         points, indices, counts = (np.asarray(value, dtype=float) for value in values)
     except (TypeError, ValueError):

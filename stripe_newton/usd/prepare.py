@@ -23,6 +23,7 @@ from .stage_access import stage_name, walk
 from .stage_overlay import StageOverlay
 from .static_joint_frames import joints_to_world
 from .units import mixed_units, stage_units, to_si
+from .untapered_shapes import untapered, write_untapered
 
 __all__ = ["converted", "prepare", "schema_typed"]
 
@@ -114,7 +115,7 @@ class _Edit:
         return list(walk(self.overlay.stage, self._root, self._ignore))
 
     def convert_types(self) -> None:
-        """Convert numbers to the types of their schemas."""
+        """Convert numbers to the types of their schemas, and shapes to older types that Newton reads."""
         prims = self._prims()
         # Values first: the first edit opens another stage.
         found = [
@@ -123,6 +124,8 @@ class _Edit:
         for path, name, value, why in found:
             self.overlay.prim(path).GetAttribute(name).Set(value)
             self._rows.append((str(path), name, why))
+        for path in [prim.GetPath() for prim in prims if untapered(prim)]:
+            write_untapered(self.overlay.prim(path))
 
     def drop_damaged_meshes(self) -> None:
         """Leave out visible meshes that have no shape; the renderer would read beyond their arrays."""

@@ -9,13 +9,13 @@ from collections.abc import Iterable, Sequence
 import newton
 import numpy as np
 from newton import GeoType, JointTargetMode, JointType, ShapeFlags
-from pxr import Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
+from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
 
 from .builder_start import BuilderStart
 from .ignored_content import ignored_content, unapplied_attributes
 from .ignored_rows import Ignored
 from .semantic_labels import read_semantics
-from .stage_access import walk
+from .stage_access import labelled_prim, walk
 from .stage_lights import ignored_lights, read_lights
 from .stage_report import ArticulationRow, BodyRow, JointRow, MaterialRow, ShapeRow, SiteRow, StageReport
 from .units import stage_units
@@ -177,7 +177,7 @@ def _parent(builder: newton.ModelBuilder, joint: int) -> str:
 def _shape(builder: newton.ModelBuilder, shape: int, stage: Usd.Stage) -> ShapeRow:
     kind, body, flags = GeoType(builder.shape_type[shape]), builder.shape_body[shape], builder.shape_flags[shape]
     label = builder.shape_label[shape]
-    prim = stage.GetPrimAtPath(label) if Sdf.Path.IsValidPathString(label) else None  # names of MJCF are no paths
+    prim = labelled_prim(stage, label)
     # Friction and restitution are those that Newton computes with, not those of a material in the stage.
     return ShapeRow(
         path=label,

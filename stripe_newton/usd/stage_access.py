@@ -7,13 +7,13 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from pxr import Tf, Usd, UsdPhysics, UsdUtils
+from pxr import Sdf, Tf, Usd, UsdPhysics, UsdUtils
 
 from .composition_errors import composition_problem
 from .file_errors import open_error, path_reason
 from .irregular_files import irregular_file
 
-__all__ = ["StageError", "api_schemas", "asset_prim", "first_path", "open_stage", "stage_name", "walk"]
+__all__ = ["StageError", "api_schemas", "asset_prim", "first_path", "labelled_prim", "open_stage", "stage_name", "walk"]
 
 
 class StageError(ValueError):
@@ -66,6 +66,13 @@ def first_path(text: str, stage: Usd.Stage) -> str:
         if word.startswith("/") and len(word) > 1 and stage.GetPrimAtPath(word):
             return word
     return ""
+
+
+def labelled_prim(stage: Usd.Stage, label: str) -> Usd.Prim:
+    """The prim that a label of a model names; an invalid one if it names none, as names of MJCF and URDF files do."""
+    # USD prints a line for each text that is no path, such as one with a space.
+    is_path = label.startswith("/") and Sdf.Path.IsValidPathString(label)
+    return stage.GetPrimAtPath(label) if is_path else Usd.Prim()
 
 
 def walk(stage: Usd.Stage, root_path: str = "/", ignore: Iterable[str] = ()) -> Iterator[Usd.Prim]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 
 import newton
@@ -11,6 +12,7 @@ import warp as wp
 
 from stripe_kernels.picture import gather_bodies
 from stripe_newton.sim.body_choice import BodyChoice
+from stripe_newton.usd.textures import drop_unreadable_textures
 
 from .creases import crease_builder
 from .marker_slots import MarkerSlots
@@ -71,6 +73,9 @@ class DisplayModel:
             raise IndexError(f"env_ids: got {wrong or env_ids}, expected some of 0 to {sim.num_envs - 1}")
         self._sim = sim
         template, static = sim.template, sim.static
+        for each in (static, template):  # the import looked at headers and ends alone
+            for path, _, why in drop_unreadable_textures(each, 0, whole=True):
+                warnings.warn(f"{path}: texture: {why}", stacklevel=3)
         builder = newton.ModelBuilder()
         builder.begin_world()
         builder.add_builder(static)

@@ -276,6 +276,35 @@ def test_what_is_not_read_has_a_row(tmp_path):
     assert set(found) == {("robot (2)", "<transmission>"), ("robot (1)", "<gazebo>"), ("elbow", "<safety_controller>")}
 
 
+UNREAD = {
+    ("tip", "<contact>"): ('"tip">', '"tip"><contact><lateral_friction value="0.1"/></contact>'),
+    ("robot", "<cable>"): ("<joint", '<cable length="1"/><joint'),
+    ("elbow", "xzy of <axis>"): ("xyz", "xzy"),
+    ("elbow", "spring_stiffness of <dynamics>"): ("</joint>", '<dynamics damping="1" spring_stiffness="9"/></joint>'),
+    ("base", "<density>"): ("</inertial>", '<density value="3"/></inertial>'),
+}
+
+
+@pytest.mark.parametrize("row", UNREAD)
+def test_what_is_no_part_of_urdf_has_a_row(tmp_path, row):
+    found = rows(tmp_path, ARM.replace(*UNREAD[row], 1))
+    assert list(found) == [row]
+    assert row[1] != "<contact>" or "physics_material" in found[row]
+
+
+def test_attributes_that_newton_reads_and_those_of_another_namespace_have_no_row(tmp_path):
+    shape = '<collision><geometry condim="4"><sphere radius="1"/></geometry></collision>'
+    other = 'xmlns:drake="http://drake.mit.edu" drake:kind="x"><drake:properties/>'
+    found = rows(tmp_path, ARM.replace("><inertial", f" {other}{shape}<inertial", 1))
+    assert list(found) == [("base", "<properties>")]
+
+
+def test_a_capsule_may_have_a_length(tmp_path):
+    shape = '<collision><geometry><capsule radius="0.1" length="0.6"/></geometry></collision>'
+    capsules = [s.size for s in inspect_robot_file(urdf(tmp_path, link(parts=shape))).shapes]
+    assert np.array(capsules) == pytest.approx(np.array([(0.1, 0.3)] * len(capsules)))
+
+
 def test_limits_of_a_continuous_joint_are_left_out(tmp_path):
     content = ARM.replace('"revolute"', '"continuous"')
     report = inspect_robot_file(urdf(tmp_path, content))

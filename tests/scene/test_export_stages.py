@@ -14,8 +14,10 @@ from stripe_newton.actuators import IdealPDActuatorCfg, ImplicitActuatorCfg
 from stripe_newton.assets import ArticulationCfg
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import SimulationCfg, UsdFileCfg
+from tests.helpers.same_scene import actuator_count, assert_same
 from tests.helpers.small_scenes import make_scene
 from tests.helpers.usd_worlds import UNITS, instances, robots
+from tools.checks.file_trial import file_scene
 from tools.checks.model_arrays import different_arrays, model_arrays
 
 PACKAGE = Path(newton.__file__).parent
@@ -26,22 +28,6 @@ WORLDS = {"robots": robots, "instances": instances}
 
 def from_usd(stage: str | Path | Usd.Stage) -> InteractiveScene:
     return InteractiveScene.from_usd(stage, sim_cfg=SimulationCfg(gravity=None, device="cpu"))
-
-
-def assert_same(one: InteractiveScene, two: InteractiveScene) -> None:
-    """The same model to the last bit, by the same names, and the same report."""
-    assert different_arrays(one.sim.model, two.sim.model) == []
-    for labels in ("body_label", "joint_label", "shape_label", "articulation_label"):
-        assert list(getattr(one.sim.model, labels)) == list(getattr(two.sim.model, labels))
-    assert actuator_count(one) == actuator_count(two)
-    first, second = one.builder.reports[0], two.builder.reports[0]
-    assert first.semantics == second.semantics
-    assert first.materials == second.materials[: len(first.materials)]
-    assert first.joints == second.joints
-
-
-def actuator_count(scene: InteractiveScene) -> int:
-    return sum(a.num_actuators for a in scene.sim.model.actuators)
 
 
 @pytest.mark.parametrize("up", ["Y", "Z"])
@@ -155,3 +141,16 @@ def test_explicit_actuators_replace_those_of_the_stage(tmp_path):
     again = InteractiveScene.from_usd(tmp_path / "scene.usda", 2, 3.0, scene.sim.cfg)
     assert different_arrays(scene.sim.model, again.sim.model) == []
     assert actuator_count(again) == actuator_count(scene)
+
+
+def test_environments_that_are_left_out_have_a_row_and_names_that_are_no_paths_no_line_of_usd(tmp_path, capfd):
+    scene = from_usd(PACKAGE / "tests/assets/ant_multi.usda")
+    where, what, why = scene.builder.reports[0].ignored[0]
+    assert (where, what, scene.num_envs) == ("/World/envs/env_1 (+62 more)", "environment", 1)
+    assert "num_envs" in why
+    file = tmp_path / "robot.xml"
+    file.write_text("""<mujoco model="a robot"><worldbody><body name="the base"><freejoint/>
+        <geom name="a box" type="box" size=".1 .1 .1"/></body></worldbody></mujoco>""")
+    capfd.readouterr()
+    file_scene(str(file), "mjcf").export(tmp_path / "scene.usda")
+    assert "SdfPath" not in capfd.readouterr().err

@@ -124,6 +124,10 @@ _PARTS = {
     "expression": '(references = @`"${NAME}.usda"`@) {\n}',
     "clips": _CLIPS + " {\n}",
     "texture": "{\nasset inputs:file = @pipe.png@\n}",
+    "array": "{\nasset[] files = [@pipe.png@]\n}",
+    "samples": "{\nasset inputs:file.timeSamples = {\n1: @pipe.png@,\n}\n}",
+    "variant": '(variantSets = "v") {\nvariantSet "v" = {\n"a" (references = @pipe.usda@) {\n}\n}\n}',
+    "payload": "(payload = @pipe.usda@) {\n}",
     "tiles": "{\nasset inputs:file = @pipe.<UDIM>.png@\n}",
 }
 
@@ -171,7 +175,8 @@ def test_textures_that_cannot_be_read_are_rows_and_the_mesh_is_drawn(tmp_path):
         (tmp_path / name).write_bytes((tmp_path / name).read_bytes()[:900])
     (tmp_path / "text.png").write_text("hello")
     reasons = {"good.png": "", "cut.png": "cannot be read", "cut.jpg": "cannot be read", "text.png": "is no picture",
-               "gone.png": "does not exist", "t.<UDIM>.png": "has several tiles", ".": "is no file"}  # fmt: skip
+               "gone.png": "does not exist", "https://example.org/a.png": "is on the web",
+               "t.<UDIM>.png": "has several tiles", ".": "is no file"}  # fmt: skip
     for number, (name, reason) in enumerate(reasons.items()):
         (file := tmp_path / f"scene_{number}.usda").write_text(_TEXTURED.replace("FILE", name))
         cfg = SimulationCfg(device="cpu")
@@ -182,6 +187,28 @@ def test_textures_that_cannot_be_read_are_rows_and_the_mesh_is_drawn(tmp_path):
         assert reason in "".join(rows), name
         SceneRenderer(scene.sim, ViewerCfg(resolution=(16, 16))).render()
         scene.close()
+
+
+@pytest.mark.parametrize("name", ["damaged.png", "damaged.bmp"])
+def test_a_texture_that_is_damaged_inside_is_told_when_it_is_drawn(tmp_path, name):
+    """Not at import, which may open thousands; but formats whose end says nothing are read there."""
+    noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(tmp_path / name)
+    data = bytearray((tmp_path / name).read_bytes())
+    data[2000:2100] = bytes(100)
+    (tmp_path / name).write_bytes(data if name.endswith("png") else data[:4000])
+    (file := tmp_path / "scene.usda").write_text(_TEXTURED.replace("FILE", name))
+    with warnings.catch_warnings(action="ignore"):
+        scene = InteractiveScene.from_usd(file, sim_cfg=SimulationCfg(device="cpu"))
+    rows = [row for row in scene.builder.reports[0].ignored if row[1] == "texture"]
+    assert len(rows) == name.endswith("bmp")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        SceneRenderer(scene.sim, ViewerCfg(resolution=(16, 16))).render()
+    told = [str(warning.message) for warning in caught if "texture" in str(warning.message)]
+    assert len(told) == name.endswith("png")
+    assert all(text.startswith("/A: texture: left out") and "cannot be read" in text for text in told)
+    scene.close()
 
 
 def test_two_disabled_bodies_with_a_joint_between_them_are_static():

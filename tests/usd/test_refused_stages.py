@@ -18,6 +18,14 @@ def test_a_missing_file_a_folder_and_a_file_that_is_not_usd(tmp_path):
     broken = tmp_path / "broken.usda"
     broken.write_text("hello")
     refuse(broken, "", "is not a USD file")
+    broken.write_text("#usda 1.0\nint a = (1,\n")
+    refuse(broken, "", "line 2, column")
+    with pytest.raises(StageError, match=r"syntax error|Expected") as caught:
+        load(broken)
+    assert "pxrInternal" not in str(caught.value)
+    robot = tmp_path / "robot.urdf"
+    robot.write_text('<robot name="r"><link name="base"/></robot>')
+    refuse(robot, "", "USD has no format with the suffix '.urdf'; give a .usd")
     broken.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 3\n")
     refuse(broken, "", "is a pointer of git LFS, not the file itself; fetch that with 'git lfs pull'")
 
@@ -40,6 +48,15 @@ def test_a_missing_file_is_named_before_what_is_missing_from_it_and_only_the_fir
     with pytest.raises(StageError, match=r"usda: sublayer 'parts/gone\.usda' of 'scene\.usda' is not .*; and 7 more$"):
         load(file)
     assert capfd.readouterr().err == ""  # USD would print each of them, too
+
+
+def test_prims_that_lead_back_to_themselves(tmp_path):
+    file = tmp_path / "scene.usda"
+    file.write_text('#usda 1.0\ndef "A" (references = </B>) {\n}\ndef "B" {\ndef "C" (inherits = </A>) {\n}\n}\n')
+    with pytest.raises(StageError, match="which leads back to it; take that out") as caught:
+        load(file)
+    assert "cannot inherit from /A" in str(caught.value)
+    assert "@" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stage loading: time and memory of opening generated stages of many meshes as a scene.
 
-    python tools/benchmarks/stage_loading.py [--meshes 100 1000 10000] [--moving | --robot] [--profile]
+    python tools/benchmarks/stage_loading.py [--meshes 100 1000 10000] [--moving | --robot] [--textures jpg] [--profile]
 
 Each stage is loaded in a process of its own. Each mesh is another one: a convex collider of 26 points. With
-``--moving`` every tenth is a rigid body. With ``--robot`` the stage is the scenery of eight quadrupeds.
+``--moving`` every tenth is a rigid body. With ``--robot`` the stage is the scenery of eight quadrupeds. With
+``--textures`` each mesh has a picture of its own, of 1024 by 1024 pixels.
 """
 
 from __future__ import annotations
@@ -22,14 +23,15 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Usd, UsdGeom, UsdPhysics, Vt
+from PIL import Image
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
 
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import Simulation, SimulationCfg
 
 
-def write_stage(path: Path, meshes: int, moving: bool) -> None:
-    """Write a stage of meshes on a grid of 2 m."""
+def write_stage(path: Path, meshes: int, moving: bool, textures: str = "") -> None:
+    """Write a stage of meshes on a grid of 2 m, each with a picture if ``textures`` names a format."""
     random = np.random.default_rng(0)
     directions = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
     directions /= np.linalg.norm(directions, axis=1)[:, None]
@@ -51,7 +53,38 @@ def write_stage(path: Path, meshes: int, moving: bool) -> None:
         UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr("convexHull")
         if moving and k % 10 == 0:
             UsdPhysics.RigidBodyAPI.Apply(mesh.GetPrim())
+        if textures:
+            file = path.parent / f"texture_{k}.{textures}"
+            _write_picture(file, random)
+            _texture(mesh, file.name)
     stage.GetRootLayer().Export(str(path))
+
+
+def _write_picture(file: Path, random: np.random.Generator) -> None:
+    """Write a picture of 1024 by 1024 pixels with details of all sizes, as a photograph has them."""
+    pixels = np.zeros((1024, 1024, 3), np.float32)
+    for size in (8, 32, 128, 512):
+        coarse = random.integers(0, 255, (size, size, 3), dtype=np.uint8)
+        pixels += np.asarray(Image.fromarray(coarse).resize((1024, 1024), Image.Resampling.BILINEAR), np.float32) / 4
+    Image.fromarray(pixels.astype(np.uint8)).save(file)
+
+
+def _texture(mesh: UsdGeom.Mesh, name: str) -> None:
+    """Bind a material with a texture to a mesh."""
+    stage, path = mesh.GetPrim().GetStage(), mesh.GetPath()
+    material = UsdShade.Material.Define(stage, path.AppendChild("look"))
+    surface = UsdShade.Shader.Define(stage, path.AppendPath("look/surface"))
+    surface.CreateIdAttr("UsdPreviewSurface")
+    texture = UsdShade.Shader.Define(stage, path.AppendPath("look/texture"))
+    texture.CreateIdAttr("UsdUVTexture")
+    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(f"./{name}")
+    texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
+    surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).ConnectToSource(texture.ConnectableAPI(), "rgb")
+    material.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
+    UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
+    places = np.array(mesh.GetPointsAttr().Get())[:, :2] + 0.5
+    primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
+    primvar.Set(Vt.Vec2fArray.FromNumpy(places.astype(np.float32)))
 
 
 def _hull(points: np.ndarray) -> np.ndarray:
@@ -114,6 +147,7 @@ def main() -> None:
     parser.add_argument("--meshes", type=int, nargs="+", default=[100, 1000, 10000], help="numbers of meshes")
     parser.add_argument("--moving", action="store_true", help="every tenth mesh is a rigid body")
     parser.add_argument("--robot", action="store_true", help="load it as the scenery of eight quadrupeds")
+    parser.add_argument("--textures", choices=["jpg", "png"], default="", help="give each mesh a picture of its own")
     parser.add_argument("--profile", action="store_true", help="print where the time of loading goes")
     parser.add_argument("--measure", help=argparse.SUPPRESS)
     args = parser.parse_args()
@@ -124,7 +158,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for meshes in args.meshes:
             path = Path(folder) / f"{meshes}.usdc"
-            write_stage(path, meshes, args.moving)
+            write_stage(path, meshes, args.moving, args.textures)
             flags = [f"--{name}" for name in ("robot", "profile") if getattr(args, name)]
             command = [sys.executable, __file__, "--measure", str(path), *flags]
             stderr = None if args.profile else subprocess.DEVNULL
