@@ -16,6 +16,7 @@ from stripe_newton.viewers.display_model import DisplayModel
 from stripe_newton.viewers.poses import compose, wxyz
 from stripe_newton.viewers.viewed_simulation import ViewedSimulation
 
+from .closed_mesh import is_closed
 from .glb_file import glb_of
 from .merged_field import merged_field
 from .scenery_files import foliage_file, ground_file, has_colors
@@ -213,8 +214,10 @@ class LiveScene:
         if glb is not None:
             handle: viser.BatchedMeshHandle | viser.BatchedGlbHandle = scene.add_batched_glb(node, glb, **args)
         else:
-            # Single sheets of triangles, as scanned grounds have them, are seen from both sides.
-            args["side"] = "double" if kind in (int(newton.GeoType.MESH), int(newton.GeoType.PLANE)) else "front"
+            # Single sheets of triangles, as scanned grounds have them, are seen from both sides. On what is drawn from
+            # both sides a browser's shadows have stripes, so solids, such as walls, are not.
+            is_sheet = kind == int(newton.GeoType.MESH) and not is_closed(vertices, faces)
+            args["side"] = "double" if is_sheet or kind == int(newton.GeoType.PLANE) else "front"
             # The corners of a terrain belong to faces of all directions.
             args["flat_shading"] = kind == int(newton.GeoType.HFIELD)
             handle = scene.add_batched_meshes_simple(node, vertices, faces, batched_colors=linear_bytes(colors), **args)
