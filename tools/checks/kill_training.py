@@ -63,7 +63,7 @@ class Moment:
     """Whether there was an unfinished checkpoint."""
     trained: bool
     """Whether the process had begun to train when the signal came."""
-    reward: float
+    reward: float = float("nan")
     """Mean return of an episode in the last row of ``metrics.csv``; NaN before the first episode ended."""
 
     @property
@@ -232,10 +232,9 @@ def kill_and_resume(
 
 def table(moments: list[Moment]) -> str:
     """The record in Markdown."""
-    lines = [
-        "| | while | signal | after | iterations before | done | in the newest checkpoint | lost | half-written file | return |",
-        "|---|---|---|---|---|---|---|---|---|---:|",
-    ]
+    names = ("", "while", "signal", "after", "iterations before", "done", "in the newest checkpoint", "lost",
+             "half-written file", "return")  # fmt: skip
+    lines = [f"| {' | '.join(names)} |".replace("|  |", "| |"), "|---" * (len(names) - 1) + "|---:|"]
     for number, m in enumerate(moments, 1):
         part = "yes" if m.half_written else ""
         cells = (m.kind, m.signal, f"{m.seconds:.2f} s", m.first, m.done, m.saved, m.lost, part, f"{m.reward:.4g}")
