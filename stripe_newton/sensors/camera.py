@@ -18,7 +18,7 @@ from stripe_kernels.sensors.camera_shading import CameraLight
 from stripe_kernels.sensors.camera_shapes import Lens
 from stripe_newton.configclass import MISSING, ConfigError, configclass
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
-from stripe_newton.value_types import NonNegativeInt, PositiveInt, UnitFloat
+from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt, PositiveInt, UnitFloat
 
 from .camera_colors import CameraColors
 from .camera_data import FROM_WORLD, CameraData
@@ -126,6 +126,10 @@ class CameraCfg(SensorBaseCfg):
     """Colour where there is nothing, sRGB, each from 0 to 1. None: the sky that ``env.render()`` shows."""
     shadows: bool = False
     """Whether the sun casts shadows: a second ray a pixel."""
+    mesh_detail: NonNegativeFloat = 0.5
+    """Largest distance by which the surface of a mesh may be moved in the picture to draw fewer triangles [px]. The
+    package's own renderer draws meshes of 1000 triangles and more coarser the farther they are away, and visual meshes
+    of one body as one. 0: each as it is."""
     renderer: str = "auto"
     """``"auto"``: the package's own renderer where it draws what there is, and Newton's camera sensor for textures,
     particles and the like. ``"newton"``: Newton's sensor."""
@@ -274,7 +278,9 @@ class Camera(SensorBase):
         lens.fx, lens.fy, lens.cx, lens.cy, lens.near, lens.far = fx, fy, cx, cy, *map(float, depths)
         look, background = (Look(), 0) if colors is None else (colors.look, colors.background)
         terrain = self._scene.terrain.struct if self._scene.terrain is not None else None
-        return CameraRenderer(model, sim.state, lens, images, look, light, missing, background, cfg.shadows, terrain)
+        return CameraRenderer(
+            model, sim.state, lens, images, look, light, missing, background, cfg.shadows, terrain, cfg.mesh_detail
+        )
 
     def _make_light(self, colors: CameraColors | None) -> CameraLight:
         """Light of each environment, that of the scene to begin with; empty without colours."""
