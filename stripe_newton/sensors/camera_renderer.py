@@ -23,9 +23,9 @@ from stripe_kernels.sensors.ray_field import RayField
 from stripe_kernels.sensors.ray_shapes import RayTargets
 from stripe_kernels.terrain import TerrainData
 
-from .ray_caster_targets import field_of
+from .ray_caster_targets import ShapeTree, field_of
 
-__all__ = ["CameraImages", "CameraRenderer", "why_not_rendered"]
+__all__ = ["CameraImages", "CameraRenderer", "visible_shapes", "why_not_rendered"]
 
 MOST_LISTED_STATICS = 24
 """Largest number of shapes that all environments share and that each picture lists; more are met through a tree."""
@@ -60,12 +60,18 @@ def visible_shapes(model: newton.Model) -> np.ndarray:
     return np.sort(model.bvh_shape_enabled.numpy()[: model.bvh_shape_count_enabled].astype(np.int64))
 
 
-def why_not_rendered(model: newton.Model) -> str:
-    """Reason why pictures of a model are Newton's sensor's; empty if :class:`CameraRenderer` makes them."""
-    seen = visible_shapes(model)
+def why_not_rendered(model: newton.Model, seen: np.ndarray, colors: bool = True) -> str:
+    """Reason why pictures of a model are Newton's sensor's; empty if :class:`CameraRenderer` makes them.
+
+    Args:
+        model: The model.
+        seen: Indices of the shapes that are seen.
+        colors: Whether colours are among the images.
+    """
     if model.particle_count:
         return "there are particles"
-    if any(isinstance(s, newton.Mesh) and s.texture is not None for s in model.shape_source):
+    sources = [model.shape_source[shape] for shape in seen] if colors else []
+    if any(isinstance(s, newton.Mesh) and s.texture is not None for s in sources):
         return "a mesh has a texture"
     if getattr(model, "_has_variant_rows", False):
         return "shapes differ between environments"
@@ -91,6 +97,7 @@ class CameraRenderer:
         background: int = 0,
         shadows: bool = False,
         terrain: TerrainData | None = None,
+        chosen: np.ndarray | None = None,
     ):
         """Sort the shapes of a model and make the kernel.
 
@@ -105,17 +112,20 @@ class CameraRenderer:
             background: Colour where there is nothing, packed ABGR; 0 for the sky.
             shadows: Whether the sun casts shadows.
             terrain: Terrain of the scene, whose memory is used if it is the height field; None without one.
+            chosen: Shapes that are seen, all of them visible, bool, shape ``(shape_count,)``; None for all.
         """
         self._model, self._state, self._lens, self._look, self._light = model, state, lens, look, light
         with wp.ScopedDevice(model.device):
-            self._sort(model, terrain)
+            self._sort(model, terrain, chosen)
             self._mesh_normals(model)
             self._no_casters = wp.zeros(1, dtype=float)
         self._output(images, missing, background, shadows)
 
-    def _sort(self, model: newton.Model, terrain: TerrainData | None) -> None:
+    def _sort(self, model: newton.Model, terrain: TerrainData | None, chosen: np.ndarray | None) -> None:
         """Sort shapes: those of each environment, a height field, and others that all share."""
         seen, worlds, kinds = visible_shapes(model), model.shape_world.numpy(), model.shape_type.numpy()
+        everything = len(seen)
+        seen = seen if chosen is None else seen[chosen[seen]]
         visible = np.zeros(model.shape_count, dtype=bool)
         visible[seen] = True
         found = field_of(model, visible & (kinds == int(newton.GeoType.HFIELD)), terrain)
@@ -133,7 +143,12 @@ class CameraRenderer:
         self._kinds = frozenset(int(newton.GeoType.MESH) if k in _MESH_KINDS else int(k) for k in np.unique(met))
         own = [seen[worlds[seen] == env] for env in range(model.world_count)]
         self._seen = _seen_shapes(model, [np.concatenate([mine, listed]) for mine in own])
-        self._statics = _tree(model, self._tree)
+        self._tree_owner = model  # of the memory that the tree is read from
+        if self._tree and len(seen) < everything:  # Newton's tree has all that is visible
+            mine = np.zeros(model.shape_count, dtype=bool)
+            mine[shared] = True
+            self._tree_owner = ShapeTree(model, mine, self._state).view
+        self._statics = _tree(self._tree_owner, self._tree)
 
     def _mesh_normals(self, model: newton.Model) -> None:
         """Normals of vertices by mesh, where the meshes that are seen have them."""
