@@ -23,9 +23,9 @@ from stripe_kernels.sensors.ray_shapes import RayTargets
 from stripe_kernels.terrain import TerrainData
 
 from .camera_slots import MESH_KINDS, CameraSlots
-from .ray_caster_targets import field_of
+from .ray_caster_targets import ShapeTree, field_of
 
-__all__ = ["CameraImages", "CameraRenderer", "why_not_rendered"]
+__all__ = ["CameraImages", "CameraRenderer", "visible_shapes", "why_not_rendered"]
 
 MOST_LISTED_STATICS = 24
 """Largest number of shapes that all environments share and that each picture lists; more are met through a tree."""
@@ -59,12 +59,18 @@ def visible_shapes(model: newton.Model) -> np.ndarray:
     return np.sort(model.bvh_shape_enabled.numpy()[: model.bvh_shape_count_enabled].astype(np.int64))
 
 
-def why_not_rendered(model: newton.Model) -> str:
-    """Reason why pictures of a model are Newton's sensor's; empty if :class:`CameraRenderer` makes them."""
-    seen = visible_shapes(model)
+def why_not_rendered(model: newton.Model, seen: np.ndarray, colors: bool = True) -> str:
+    """Reason why pictures of a model are Newton's sensor's; empty if :class:`CameraRenderer` makes them.
+
+    Args:
+        model: The model.
+        seen: Indices of the shapes that are seen.
+        colors: Whether colours are among the images.
+    """
     if model.particle_count:
         return "there are particles"
-    if any(isinstance(s, newton.Mesh) and s.texture is not None for s in model.shape_source):
+    sources = [model.shape_source[shape] for shape in seen] if colors else []
+    if any(isinstance(s, newton.Mesh) and s.texture is not None for s in sources):
         return "a mesh has a texture"
     if getattr(model, "_has_variant_rows", False):
         return "shapes differ between environments"
@@ -91,6 +97,7 @@ class CameraRenderer:
         shadows: bool = False,
         terrain: TerrainData | None = None,
         detail: float = 0.0,
+        chosen: np.ndarray | None = None,
     ):
         """Sort the shapes of a model and make the kernel.
 
@@ -106,19 +113,22 @@ class CameraRenderer:
             shadows: Whether the sun casts shadows.
             terrain: Terrain of the scene, whose memory is used if it is the height field; None without one.
             detail: Largest distance by which the surface of a mesh may move in the picture [px]; 0 to keep meshes.
+            chosen: Shapes that are seen, all of them visible, bool, shape ``(shape_count,)``; None for all.
         """
         self._detail = detail
         self._model, self._state, self._lens, self._look, self._light = model, state, lens, look, light
         with wp.ScopedDevice(model.device):
-            self._sort(model, terrain)
+            self._sort(model, terrain, chosen)
             self._smooth = self._tree_normals(model)
             self._meshes = self._slots.table.array()
             self._no_casters = wp.zeros(1, dtype=float)
         self._output(images, missing, background, shadows)
 
-    def _sort(self, model: newton.Model, terrain: TerrainData | None) -> None:
+    def _sort(self, model: newton.Model, terrain: TerrainData | None, chosen: np.ndarray | None) -> None:
         """Sort shapes: those of each environment, a height field, and others that all share."""
         seen, worlds, kinds = visible_shapes(model), model.shape_world.numpy(), model.shape_type.numpy()
+        everything = len(seen)
+        seen = seen if chosen is None else seen[chosen[seen]]
         visible = np.zeros(model.shape_count, dtype=bool)
         visible[seen] = True
         found = field_of(model, visible & (kinds == int(newton.GeoType.HFIELD)), terrain)
@@ -137,7 +147,12 @@ class CameraRenderer:
         self._in_tree = shared if self._tree else shared[:0]
         self._slots = CameraSlots(model, seen[worlds[seen] >= 0], listed, self._detail)
         self._seen = self._slots.seen
-        self._statics = _tree(model, self._tree)
+        self._tree_owner = model  # of the memory that the tree is read from
+        if self._tree and len(seen) < everything:  # Newton's tree has all that is visible
+            mine = np.zeros(model.shape_count, dtype=bool)
+            mine[shared] = True
+            self._tree_owner = ShapeTree(model, mine, self._state).view
+        self._statics = _tree(self._tree_owner, self._tree)
 
     def _tree_normals(self, model: newton.Model) -> wp.array:
         """Rows of the table of meshes that have the normals of shapes in the tree; -1 for other shapes."""
