@@ -124,7 +124,7 @@ SCENES: dict[str, tuple[Callable[[], Show], Callable[[LivePage, Show, Callable[[
 
 # -- the panels of four commands, side by side
 
-PANEL = 388, 728
+PANEL = 388, 780
 """Width and height of a panel, at the right of the window [px]."""
 TRAINED = "Stripe-Cartpole-v0"
 
@@ -161,7 +161,7 @@ def four_panels(out: Path) -> None:
         with command(folder, "play", "Stripe-Cartpole-Camera-Direct-v0", "--agent", "zero", "--num-envs", "4") as page:
             page.wait(4.0)
             parts.append(panel(page))
-        train = "train", TRAINED, "--num-envs", "64", "--agent.save-interval", "50", "--max-iterations", "100000"
+        train = "train", TRAINED, "--num-envs", "64", "--agent.save-interval", "50", "--max-iterations", "400"
         with command(folder, *train) as page:
             page.click(page.tab("Plots"))
             page.wait(30.0)

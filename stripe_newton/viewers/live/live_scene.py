@@ -20,6 +20,7 @@ from .closed_mesh import is_closed
 from .glb_file import glb_of
 from .merged_field import merged_field
 from .scenery_files import foliage_file, ground_file, has_colors
+from .sight_line import SightLine
 from .view_frame import VIEW, WORLD, ViewFrame
 
 if TYPE_CHECKING:
@@ -100,6 +101,8 @@ class LiveScene:
         self.batches: list[ShapeBatch] = []
         self.grounds: list[np.ndarray] = []
         """Poses of endless planes, which are left to the backdrop."""
+        self.sight_line = SightLine()
+        """What does not move and may be between a camera and what it looks at."""
         self._add_batches()
         self._moving = _Placed([batch for batch in self.batches if batch.moves])
         self._fixed = _Placed([batch for batch in self.batches if not batch.moves and batch.is_in_view])
@@ -203,6 +206,8 @@ class LiveScene:
                 [True, True, kind == int(newton.GeoType.SPHERE)], 1.0 - _THINNER * rank[:, None], 1
             )
         poses = _world_poses(self.body_q, bodies, local)
+        if not (bodies >= 0).any():
+            self.sight_line.add(vertices, faces, sizes, poses)
         args: dict[str, object] = {
             "batched_positions": poses[:, :3].astype(np.float32),
             "batched_wxyzs": wxyz(poses[:, 3:]),

@@ -331,6 +331,7 @@ class LiveViewer:
             frame = self.camera.view_frame
             self.scene.place(frame)
             self._backdrop.update(frame)
+            self.camera.look_through(self.scene)
             for name, update in self._panels.items():
                 self._try(name, update)
         self._pace.count_picture(self.camera.fov_rad)
