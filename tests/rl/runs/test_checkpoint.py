@@ -17,6 +17,7 @@ from stripe_newton.rl import (
 )
 from stripe_newton.rl.runs.checkpoint import from_bytes, to_bytes
 from stripe_newton.rl.runs.packed_tensors import pack_tensors
+from stripe_newton.rl.runs.training_state import set_learning_rate
 from tests.helpers.fake_env import FakeCartRunnerCfg
 from tests.helpers.fake_runner import make_runner
 
@@ -77,6 +78,19 @@ def test_checkpoint_of_plain_rsl_rl_can_be_loaded_but_not_resumed(tmp_path):
     assert other.iterations_done == 8
     with pytest.raises(CheckpointError, match="no training state"):
         other.resume(tmp_path / "model_7.pt")
+
+
+def test_training_goes_on_with_the_networks_of_a_checkpoint_without_state(tmp_path):
+    runner = make_runner(None)
+    set_learning_rate(runner.alg, 2.5e-4)
+    torch.save(runner.alg.save() | {"iter": 7, "infos": None}, tmp_path / "model_7.pt")
+    other = make_runner(None)
+    other.resume(tmp_path / "model_7.pt", networks_alone=True)
+    assert (other.iterations_done, other.alg.learning_rate) == (8, 2.5e-4)
+    for one, two in zip(runner.alg.actor.parameters(), other.alg.actor.parameters(), strict=True):
+        torch.testing.assert_close(one, two, rtol=0.0, atol=0.0)
+    other.learn(1)
+    assert other.iterations_done == 9
 
 
 def test_a_failed_write_leaves_the_old_checkpoint(tmp_path, monkeypatch):
