@@ -140,7 +140,10 @@ class KernelOptions:
         return not self.per_step.isdisjoint(("drives", "solver_drives"))
 
     def in_registers(self, tables: ModelTables) -> bool:
-        """Whether matrices are factored in registers, with one or two rows in each lane."""
+        """Whether matrices are factored in registers, with one or two rows in each lane.
+
+        Without Jacobians a lane has one row, and a few lanes one of the short first rows, too (wrench_solve.h).
+        """
         return tables.limbs is None and self.lanes > 1 and tables.model.nv <= 2 * self.lanes and not self.double
 
 
