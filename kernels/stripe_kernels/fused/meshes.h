@@ -225,6 +225,39 @@ FN bool mesh_touch(const Search& s, const Mesh& mesh, int candidate, PlaceBox bo
     return face_touch(s, mesh.faces, candidate, far, hit, order);
 }
 
+#if LIMBS
+// Whether a box around a point or a part of a geom, by `reach` larger, has a point of the bounds of some points.
+template <int N>
+FN bool meets_bounds(const float* const (&points)[N], Vec center, Vec half) {
+    for (int k = 0; k < 3; k++) {
+        const real at = k == 0 ? center.x : k == 1 ? center.y : center.z, by = k == 0 ? half.x : k == 1 ? half.y : half.z;
+        real low = points[0][k], high = low;
+        for (int i = 1; i < N; i++) low = smaller(low, points[i][k]), high = larger(high, points[i][k]);
+        if (low - at > by || at - high > by) return false;
+    }
+    return true;
+}
+
+// Whether a candidate of a part may touch, which takes less time to tell than whether it does: bounds are in reach.
+FN bool may_touch(const Search& s, const Mesh& mesh, int candidate, bool far) {
+    const real more = (real)1e-4;  // than rounding
+    const bool of_edges = s.kind == AXIS_PART || s.kind == BOX_PART;
+    if (of_edges) {
+        const MeshEdge& e = ((const MeshEdge*)mesh.edges.things)[item(s, mesh.edges, s.kind == BOX_PART ? candidate / 2 : candidate)];
+        const float* const ends[] = {e.a, e.b};
+        const real reach = s.radius + s.reach + more;
+        return meets_bounds(ends, s.geom, Vec{FABS(s.at.x) + reach, FABS(s.at.y) + reach, FABS(s.at.z) + reach});
+    }
+    const MeshFace& f = ((const MeshFace*)mesh.faces.things)[item(s, mesh.faces, candidate)];
+    const real depth = s.radius + MESH_DEPTH, above = dot(s.at - in_mesh(f.a, s.geom), normal_of(f));
+    real reach = s.radius + s.reach;
+    if (s.kind == CORNER_PART || (f.is_solid && (far || above < 0))) reach = larger(reach, depth);
+    reach += more;
+    const float* const corners[] = {f.a, f.b, f.c};
+    return FABS(above) <= reach && meets_bounds(corners, s.geom + s.at, reach * Vec{1, 1, 1});
+}
+#endif
+
 // Whether a touch remains one beside the hits, see `remains`.
 template <class Hits>
 FN bool remains_on_mesh(const Search& s, const Hits* found, const Touch& hit, real& order) {
