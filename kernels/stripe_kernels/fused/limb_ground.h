@@ -58,7 +58,7 @@ FN void prepare(Search& s, const OnGround& o, const Parameters& P, int p) {
 #if HAS_MESHES
 // The touch of a part with the plane that its search has as candidates, if it is one.
 FN bool touches_plane(const Search& s, Touch& hit, const Parameters& P) {
-    return plane_touch(s, ((const MeshFace*)mesh_of(P, s.pair).faces.things)[s.first], hit);
+    return plane_touch(s, face_at(mesh_of(P, s.pair).faces, s.first), hit);
 }
 #endif
 
