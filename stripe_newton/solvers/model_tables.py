@@ -258,7 +258,7 @@ class ModelTables:
         matrices = (nv if in_registers else 2 * nv) * self.row_of_matrix(in_registers)
         kept = model.nq + 7 * nv + 3 * len(tree_roots(model)) + 6 * nv + matrices + nu + 2
         kept += _ATTACHMENT_SIZE * len(attached_equalities(model)) + wrench_form.STIFFNESS_SIZE * self.wrench_rows
-        forces = 7 * nb + self._forces_size
+        forces = 7 * nb + self._forces_size + 2
         if self.wrench_rows:
             shared = max(forces, self._contacts_at(rows) + contacts * self.contact_size) + 4
         else:
@@ -267,14 +267,14 @@ class ModelTables:
 
     def _found_size(self, rows: int) -> int:
         """Numbers of four bytes of what is needed until contacts are known."""
-        found = 7 * self.model.nbody + self._geoms_size + 1
+        found = 7 * self.model.nbody + self._geoms_size + 3
         if self.has_searches:
             found += self.searches(rows) * self._search_size + self._listed_size
         return found
 
     def _contacts_at(self, rows: int) -> int:
         """Numbers before the contacts of rows that have no Jacobians, in the memory of what is needed until then."""
-        return max(self._found_size(rows) + 6, rows * self.row_size)
+        return max(self._found_size(rows) + 4, rows * self.row_size)
 
     def row_of_matrix(self, in_registers: bool) -> int:
         """Numbers from one row of a matrix to the next.
