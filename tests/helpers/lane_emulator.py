@@ -3,7 +3,7 @@
 
 A lane is a context of its own that runs until it waits for the others; then the next one goes on. So a barrier is one
 turn of all lanes, and what they tell each other goes through memory between two turns. This shows errors of the code
-for lanes that a thread a world does not have, but no race: lanes always take their turns in the same order.
+for lanes that a thread a world does not have. A race shows if lanes take their turns in the opposite order.
 
 In the form for a hub with limbs the worlds of a warp stay together, so that all lanes of a warp take turns, with its
 worlds side by side as in shared memory. Otherwise it is the lanes of one world.
@@ -48,10 +48,12 @@ enum { EMULATED = %d };
 struct Index { int x; };
 static Index threadIdx, blockIdx = {1 << 20}, blockDim = {EMULATED};
 static int lanes_there = EMULATED;  // those of worlds that are missing have left
+static int backwards;  // whether the last lane takes its turn first
+static int lane_after(int own) { return (own + (backwards ? lanes_there - 1 : 1)) %% lanes_there; }
 static void __syncthreads() {}
 static ucontext_t contexts[EMULATED], caller;
 static void take_turns() {
-    int own = threadIdx.x, next = (own + 1) %% lanes_there;
+    int own = threadIdx.x, next = lane_after(own);
     threadIdx.x = next;
     swapcontext(&contexts[own], &contexts[next]);
 }
@@ -110,9 +112,11 @@ static void lane_of_world() {
         fused::step(world, P, 0, 0, left, lane);
     }
     fused::end_steps(world, P, lane);
-    threadIdx.x = (own + 1) % lanes_there;
+    threadIdx.x = lane_after(own);
 }
-extern "C" void run(const Arguments* m, int worlds, int count, real* spill, int spill_size) {
+extern "C" void run(const Arguments* m, int worlds, int count, real* spill, int spill_size, int is_backwards,
+                    float before) {
+    backwards = is_backwards;
 #if IN_SHARED
     fused::tables() = fused::given_tables;
     worlds_there = (fused::World*)(fused::dynamic_smem_base + sizeof(fused::Tables));
@@ -122,17 +126,19 @@ extern "C" void run(const Arguments* m, int worlds, int count, real* spill, int 
     arguments = m, num_worlds = worlds, steps = count;
     for (first_world = 0; first_world < worlds; first_world += WORLDS) {
         lanes_there = LANES * (worlds - first_world < WORLDS ? worlds - first_world : WORLDS);
+        for (unsigned i = 0; i < WORLDS * sizeof(fused::World) / 4; i++) ((float*)worlds_there)[i] = before;
 #if !LIMBS
         worlds_there->spill = spill + (long long)first_world * spill_size;
 #endif
         for (int i = 0; i < lanes_there; i++) {
             getcontext(&contexts[i]);
             contexts[i].uc_stack.ss_sp = stacks[i], contexts[i].uc_stack.ss_size = sizeof(stacks[i]);
-            contexts[i].uc_link = i + 1 < lanes_there ? &contexts[i + 1] : &caller;
+            const int next = lane_after(i), start = backwards ? lanes_there - 1 : 0;
+            contexts[i].uc_link = next == start ? &caller : &contexts[next];
             makecontext(&contexts[i], lane_of_world, 0);
         }
-        threadIdx.x = 0;
-        swapcontext(&caller, &contexts[0]);
+        threadIdx.x = backwards ? lanes_there - 1 : 0;
+        swapcontext(&caller, &contexts[threadIdx.x]);
     }
 #if !IN_SHARED
     delete[] worlds_there;
@@ -150,15 +156,21 @@ class EmulatedStep:
     run: Callable[..., None]
     struct: type[ctypes.Structure]
 
-    def __call__(self, steps: int) -> None:
-        """Advance the worlds of the solver, in MuJoCo's arrays, as one launch does."""
+    def __call__(self, steps: int, backwards: bool = False, before: float = 0.0) -> None:
+        """Advance the worlds of the solver, in MuJoCo's arrays, as one launch does.
+
+        Args:
+            steps: Number of physics steps.
+            backwards: Let the lanes take their turns in the opposite order: results that differ show a race.
+            before: What all memory of the kernel's own holds at first: results that differ show that it was read.
+        """
         given = self.solver.launcher.arguments(self.solver._call)
         m = self.struct(**{name: kind(getattr(given, name)) for name, kind in self.struct._fields_})
         worlds = self.solver.mjw_data.nworld
         size = -(-self.layout.spill_size // 4) * 4  # rows are read as fours, as in `Layout.workspace_size`
-        spill = np.zeros(worlds * max(4, size), dtype=np.float32)
+        spill = np.full(worlds * max(4, size), before, dtype=np.float32)
         memory = spill.ctypes.data_as(ctypes.POINTER(ctypes.c_float))
-        self.run(ctypes.byref(m), worlds, steps, memory, size)
+        self.run(ctypes.byref(m), worlds, steps, memory, size, backwards, ctypes.c_float(before))
 
 
 def emulate(solver: SolverFused, lanes: int) -> EmulatedStep:
