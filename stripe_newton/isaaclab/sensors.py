@@ -67,6 +67,8 @@ class _WxyzSensor(native.SensorBase):
 class Camera(_WxyzSensor, native.Camera):
     """:class:`stripe_newton.sensors.Camera` with quaternions (w, x, y, z); segmentations are colours if asked for."""
 
+    cfg: CameraCfg
+
     def __init__(self, cfg: CameraCfg):
         super().__init__(cfg)
         if self.cfg.spawn is None:
