@@ -85,6 +85,11 @@ class Camera(_WxyzSensor, native.Camera):
         raise ConfigError([f"{type(self).__name__} '{path}'.spawn: {problem}; give a PinholeCameraCfg"])
 
     @property
+    def image_shape(self) -> tuple[int, int]:
+        """Height and width of the images [px]."""
+        return self.cfg.height, self.cfg.width
+
+    @property
     def data(self) -> Any:
         """Data of the camera."""
         return super().data
