@@ -29,7 +29,7 @@ _DEPTHS = ("distance_to_image_plane", "distance_to_camera", "normals")
 _ONE_TREE = "all shapes are in one tree, which follows those that move"
 _LENS = ("focal_length", "horizontal_aperture", "vertical_aperture", "horizontal_aperture_offset",
          "vertical_aperture_offset")  # fmt: skip
-C = TypeVar("C", bound="RayCasterCfg | RayCasterCameraCfg")
+C = TypeVar("C", "RayCasterCfg", "RayCasterCameraCfg")
 
 
 @configclass
@@ -79,7 +79,7 @@ class MultiMeshRayCasterCfg(RayCasterCfg):
     RaycastTargetCfg: ClassVar[type] = _Target
 
     class_type: Callable[..., native.SensorBase] | None = MultiMeshRayCaster
-    mesh_prim_paths: Sequence[str | _Target] = MISSING
+    mesh_prim_paths: Sequence[str | _Target] = MISSING  # type: ignore[assignment]  # paths once the sensor is made
     """Prims that the rays hit: paths or targets."""
     update_mesh_ids: bool = False
     reference_meshes: bool = True
@@ -155,7 +155,7 @@ class MultiMeshRayCasterCameraCfg(RayCasterCameraCfg):
     RaycastTargetCfg: ClassVar[type] = _Target
 
     class_type: Callable[..., native.SensorBase] | None = MultiMeshRayCasterCamera
-    mesh_prim_paths: Sequence[str | _Target] = MISSING
+    mesh_prim_paths: Sequence[str | _Target] = MISSING  # type: ignore[assignment]  # paths once the sensor is made
     """Prims that are seen: paths or targets."""
     update_mesh_ids: bool = False
     reference_meshes: bool = True

@@ -67,6 +67,8 @@ class _WxyzSensor(native.SensorBase):
 class Camera(_WxyzSensor, native.Camera):
     """:class:`stripe_newton.sensors.Camera` with quaternions (w, x, y, z); segmentations are colours if asked for."""
 
+    cfg: CameraCfg
+
     def __init__(self, cfg: CameraCfg):
         super().__init__(cfg)
         if self.cfg.spawn is None:
@@ -81,6 +83,11 @@ class Camera(_WxyzSensor, native.Camera):
         path = self.cfg.prim_path
         problem = f"is None, but no camera before it is at '{path}', and cameras of files are not read"
         raise ConfigError([f"{type(self).__name__} '{path}'.spawn: {problem}; give a PinholeCameraCfg"])
+
+    @property
+    def image_shape(self) -> tuple[int, int]:
+        """Height and width of the images [px]."""
+        return self.cfg.height, self.cfg.width
 
     @property
     def data(self) -> Any:

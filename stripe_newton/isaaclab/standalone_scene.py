@@ -81,6 +81,9 @@ class StandaloneScene(InteractiveScene):
         prims = [p for p in world.GetChildren() if re.fullmatch(f"{self._group}.*", p.GetName())]
         if not prims:
             raise ValueError(f"no prim matches '/World/{self._group}.*': create the prims before the model is made")
+        if not self.stage.GetPrimAtPath(ENV_0):  # nothing is in them but cameras
+            UsdGeom.Xform.Define(self.stage, ENV_0)
+            self.builder.allow_empty = True
         self.cfg.num_envs = len(prims)
         self.env_origins = torch.tensor([_place(p) for p in prims], dtype=torch.float32, device=self.device)
 

@@ -32,6 +32,9 @@ __all__ = [
     "MeshPyramidStairsTerrainCfg",
     "MeshRailsTerrainCfg",
     "MeshRandomGridTerrainCfg",
+    "MeshRepeatedBoxesTerrainCfg",
+    "MeshRepeatedCylindersTerrainCfg",
+    "MeshRepeatedPyramidsTerrainCfg",
     "MeshStarTerrainCfg",
     "TerrainGeneratorCfg",
 ]
@@ -181,6 +184,37 @@ class MeshStarTerrainCfg(native.MeshStarTerrainCfg):
     """Beams over a pit."""
 
     function: Heights = heights.star_terrain
+
+
+@configclass
+class _Repeated(native.MeshRepeatedObjectsTerrainCfg):
+    """Isaac Lab's other fields of repeated objects."""
+
+    object_type: object = None
+    max_height_noise: float | None = None
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from super().problems()
+        if self.object_type is not None:
+            yield "object_type", "is set, but objects are those of the class; derive from it and override faces()"
+        if self.max_height_noise is not None:
+            noise = -self.max_height_noise, self.max_height_noise
+            yield "max_height_noise", f"is the former spelling; set abs_height_noise to {noise}"
+
+
+@configclass
+class MeshRepeatedBoxesTerrainCfg(_Repeated, native.MeshRepeatedBoxesTerrainCfg):
+    """Boxes on level ground."""
+
+
+@configclass
+class MeshRepeatedCylindersTerrainCfg(_Repeated, native.MeshRepeatedCylindersTerrainCfg):
+    """Cylinders on level ground."""
+
+
+@configclass
+class MeshRepeatedPyramidsTerrainCfg(_Repeated, native.MeshRepeatedPyramidsTerrainCfg):
+    """Pyramids on level ground."""
 
 
 @configclass

@@ -25,6 +25,12 @@ from .mesh_terrains import (
     MeshRandomGridTerrainCfg,
     MeshStarTerrainCfg,
 )
+from .repeated_objects import (
+    MeshRepeatedBoxesTerrainCfg,
+    MeshRepeatedCylindersTerrainCfg,
+    MeshRepeatedObjectsTerrainCfg,
+    MeshRepeatedPyramidsTerrainCfg,
+)
 from .rough_terrains import ROUGH_TERRAINS_CFG
 from .start_spots import StartSpotsCfg
 from .sub_terrain import HfTerrainBaseCfg, SubTerrainBaseCfg, sub_terrain_heights
@@ -53,6 +59,10 @@ __all__ = [
     "MeshPyramidStairsTerrainCfg",
     "MeshRailsTerrainCfg",
     "MeshRandomGridTerrainCfg",
+    "MeshRepeatedBoxesTerrainCfg",
+    "MeshRepeatedCylindersTerrainCfg",
+    "MeshRepeatedObjectsTerrainCfg",
+    "MeshRepeatedPyramidsTerrainCfg",
     "MeshStarTerrainCfg",
     "StartSpotsCfg",
     "SubTerrainBaseCfg",

@@ -9,6 +9,9 @@ from stripe_newton.terrains import (
 )
 
 SIZE, STEP = (8.0, 6.0), 0.1
+BOX = terrains.MeshRepeatedBoxesTerrainCfg.ObjectCfg
+CYLINDER = terrains.MeshRepeatedCylindersTerrainCfg.ObjectCfg
+PYRAMID = terrains.MeshRepeatedPyramidsTerrainCfg.ObjectCfg
 KINDS: dict[str, SubTerrainBaseCfg] = {
     "flat": terrains.MeshPlaneTerrainCfg(),
     "random": terrains.HfRandomUniformTerrainCfg(noise_range=(0.0, 0.1), noise_step=0.01, downsampled_scale=0.2),
@@ -38,6 +41,21 @@ KINDS: dict[str, SubTerrainBaseCfg] = {
     "pit": terrains.MeshPitTerrainCfg(pit_depth_range=(0.1, 0.6), platform_width=2.0, double_pit=True),
     "box": terrains.MeshBoxTerrainCfg(box_height_range=(0.1, 0.6), platform_width=2.0, double_box=True),
     "gap": terrains.MeshGapTerrainCfg(gap_width_range=(0.3, 1.0), platform_width=2.0),
+    "boxes": terrains.MeshRepeatedBoxesTerrainCfg(
+        object_params_start=BOX(num_objects=20, height=0.1, size=(0.6, 0.4)),
+        object_params_end=BOX(num_objects=40, height=0.5, size=(0.4, 0.3), max_yx_angle=25.0),
+    ),
+    "cylinders": terrains.MeshRepeatedCylindersTerrainCfg(
+        object_params_start=CYLINDER(num_objects=20, height=0.1, radius=0.5),
+        object_params_end=CYLINDER(num_objects=30, height=0.5, radius=0.3, max_yx_angle=0.4, degrees=False),
+        abs_height_noise=(-0.05, 0.05),
+    ),
+    "pyramids": terrains.MeshRepeatedPyramidsTerrainCfg(
+        object_params_start=PYRAMID(num_objects=20, height=0.1, radius=0.5),
+        object_params_end=PYRAMID(num_objects=20, height=0.4, radius=0.7),
+        rel_height_noise=(0.8, 1.2),
+        platform_height=0.0,
+    ),
     "star": terrains.MeshStarTerrainCfg(num_bars=6, bar_width_range=(0.3, 0.8), bar_height_range=(0.1, 0.6)),
 }
 """One of each kind."""

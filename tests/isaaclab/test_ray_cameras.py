@@ -104,6 +104,37 @@ def test_a_camera_without_a_lens_needs_another_one_there(script):
         runpy.run_path(str(script))
 
 
+FREE = """
+import torch
+
+import isaaclab.sim as sim_utils
+from isaaclab.sensors.ray_caster import RayCasterCamera, RayCasterCameraCfg, patterns
+
+sim = sim_utils.SimulationContext(sim_utils.SimulationCfg(dt=0.01, device="cpu"))
+sim_utils.GroundPlaneCfg().func("/World/ground", sim_utils.GroundPlaneCfg())
+for name in ("Origin_00", "Origin_01"):
+    sim_utils.create_prim(f"/World/{name}/CameraSensor", "Xform")
+lens = patterns.PinholeCameraPatternCfg(focal_length=24.0, horizontal_aperture=24.0, width=21, height=11)
+camera = RayCasterCamera(
+    RayCasterCameraCfg(prim_path="/World/Origin_.*/CameraSensor", mesh_prim_paths=["/World/ground"], pattern_cfg=lens)
+)
+sim.reset()
+camera.set_world_poses_from_view(torch.tensor([[3.0, 4.0, 12.0], [-3.0, 0.0, 4.0]]), torch.zeros(2, 3))
+for _ in range(3):
+    sim.step()
+    camera.update(dt=sim.get_physics_dt())
+shape, middle = camera.image_shape, camera.data.output["distance_to_image_plane"][:, 5, 10, 0].tolist()
+"""
+"""Cameras at prims of their own, in a scene without bodies."""
+
+
+def test_cameras_may_be_all_that_environments_have(script):
+    script.write_text(FREE)
+    found = runpy.run_path(str(script))
+    assert found["shape"] == (11, 21)
+    np.testing.assert_allclose(found["middle"], [13.0, 5.0], atol=1e-4)
+
+
 def test_what_these_sensors_have_not_is_refused():
     lens = PinholeCameraPatternCfg(width=4, height=4)
     camera = ray_cameras.RayCasterCameraCfg(

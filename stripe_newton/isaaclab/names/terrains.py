@@ -15,14 +15,11 @@ NAMES: dict[str, Table] = {
         HfPyramidSlopedTerrainCfg HfPyramidStairsTerrainCfg HfRandomUniformTerrainCfg HfSteppingStonesTerrainCfg
         HfTerrainBaseCfg HfWaveTerrainCfg MeshBoxTerrainCfg MeshGapTerrainCfg MeshInvertedPyramidStairsTerrainCfg
         MeshPitTerrainCfg MeshPlaneTerrainCfg MeshPyramidStairsTerrainCfg MeshRailsTerrainCfg MeshRandomGridTerrainCfg
-        MeshStarTerrainCfg TerrainGeneratorCfg""",
+        MeshRepeatedBoxesTerrainCfg MeshRepeatedCylindersTerrainCfg MeshRepeatedPyramidsTerrainCfg MeshStarTerrainCfg
+        TerrainGeneratorCfg""",
     )
-    | refused("the ground is a height field, which has no overhangs", "MeshFloatingRingTerrainCfg")
-    | refused(
-        "objects on the ground are spawned as assets",
-        """MeshRepeatedBoxesTerrainCfg MeshRepeatedCylindersTerrainCfg MeshRepeatedObjectsTerrainCfg
-        MeshRepeatedPyramidsTerrainCfg""",
-    ),
+    | same("stripe_newton.terrains", "MeshRepeatedObjectsTerrainCfg")
+    | refused("the ground is a height field, which has no overhangs", "MeshFloatingRingTerrainCfg"),
     "isaaclab.terrains.height_field.utils": dialect("user_terrains", "height_field_to_mesh"),
     "isaaclab.terrains.trimesh.utils": dialect("user_terrains", "make_border make_plane"),
     "isaaclab.terrains.config": {},
