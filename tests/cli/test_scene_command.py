@@ -5,15 +5,17 @@ from __future__ import annotations
 
 import colorsys
 import math
+from pathlib import Path
 
 import newton
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 from pxr import Usd
 
 from stripe_newton import registration
-from stripe_newton.cli import main
+from stripe_newton.cli import main, scene_simulate
 from stripe_newton.cli.progress import Progress
 from stripe_newton.registration import register_scene, scene_class, scene_names
 from stripe_newton.scene.scenery import add_scenery, read_scenery
@@ -212,3 +214,29 @@ def test_a_terminal_sees_a_bar_and_others_plain_lines(capsys, monkeypatch):
     out = capsys.readouterr().out
     assert f"[{'#' * 12}{' ' * 12}] second ..." in out
     assert "second: failed" in out
+
+
+def test_things_in_a_thicket_and_over_the_edge_are_counted(monkeypatch):
+    """More trunks within reach than there are slots are a warning: a look at a scene does not end by them."""
+    monkeypatch.setattr(scene_simulate, "_SLOTS", 1)
+    spec = SmallWood((12.0, 12.0), count=500)
+    scene = spec.create(1)
+    options = scene_simulate.Options(1, 2, 1.0, "none", Path("none.mp4"), (64, 36), "127.0.0.1", 8080, "cpu")
+    lab = scene_simulate._build(spec, scene, options)
+    walk = scene_simulate._Walk(scene, lab, options)
+    walk.drop()
+
+    def fall():
+        for _ in range(6):
+            lab.step()
+
+    with pytest.warns(UserWarning, match="slots is 1"):
+        fall()
+    pose = torch.tensor([[0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 1.0]]).repeat(2, 1)
+    for kind, (x, z) in {"box": (0.0, 5.0), "ball": (7.0, -3.0), "rod": (0.0, -3.0)}.items():
+        pose[:, 0], pose[:, 2] = x, z
+        lab.scene[kind].write_root_pose_to_sim(pose)
+        lab.scene[kind].write_root_velocity_to_sim(torch.ones(2, 6))
+    told = dict(walk.report())["things"]
+    lab.close()
+    assert told == "6 dropped at 2 places: 0 at rest, 2 over the edge, 2 below the ground"

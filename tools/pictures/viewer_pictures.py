@@ -30,6 +30,7 @@ from stripe_newton.envs import RLEnv
 from stripe_newton.viewers import LiveViewer, ViewerCfg
 from stripe_newton.viewers.camera_framing import camera_axes
 from stripe_tasks.robots import QUADRUPED_CFG
+from tools.authoring.author_flat import author_flat
 from tools.pictures.headless_browser import LivePage, open_page
 
 SIZE = 1280, 800
@@ -41,8 +42,12 @@ BESIDE = ViewerCfg(origin_type="asset_root", asset_name="Robot", eye=(1.5, 2.3, 
 class Show:
     """An environment with actions of zero, its viewer and the page that shows it."""
 
-    def __init__(self, task: str, num_envs: int, noise: float = 0.0, cfg: ViewerCfg | None = None):
+    def __init__(
+        self, task: str, num_envs: int, noise: float = 0.0, cfg: ViewerCfg | None = None, scenery: Path | None = None
+    ):
         configs = load_configs(task, None, agent=False)
+        if scenery is not None:
+            configs.env.scene.scenery = str(scenery)
         configs.env.scene.num_envs, configs.env.seed = num_envs, 3
         configs.env.sim.device = "cpu"
         env = make_env(task, configs.env, None).unwrapped
@@ -113,10 +118,24 @@ def sensors(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
     save("viewer_sensors.jpg")
 
 
+def room(page: LivePage, show: Show, save: Callable[[str], None]) -> None:
+    """A robot in a room of an imported flat, whose wall is left out."""
+    page.wait(8.0)
+    save("viewer_room.jpg")
+
+
+def in_flat() -> Show:
+    """Robots in the flat that ``tools/authoring/author_flat.py`` writes."""
+    file = Path(tempfile.mkdtemp()) / "flat.usda"
+    author_flat(str(file))
+    return Show("Stripe-Velocity-Flat-Quadruped-v0", 2, scenery=file)
+
+
 SCENES: dict[str, tuple[Callable[[], Show], Callable[[LivePage, Show, Callable[[str], None]], None]]] = {
     "push": (lambda: Show("Stripe-Velocity-Flat-Quadruped-v0", 4), push),
     "plots": (lambda: Show("Stripe-Velocity-Flat-Quadruped-v0", 4, noise=0.8), plots),
     "forest": (lambda: Show("Stripe-Forest-Walk-Quadruped-Play-v0", 1, cfg=BESIDE), forest),
+    "room": (in_flat, room),
     "sensors": (lambda: Show("Stripe-Velocity-Rough-Quadruped-v0", 4), sensors),
 }
 """What is built, and what is shown of it, by name."""
