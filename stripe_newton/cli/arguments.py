@@ -70,6 +70,10 @@ def parse(options: type[T], argv: Sequence[str], command: str, **configs: Node) 
     for name, cfg in given.items():
         apply_options(cfg, getattr(args, name))
     check_types(*((name, cfg) for name, cfg in configs.items() if is_config(cfg)))
+    # As by --device: a device that the command line names must be there, while one of a task's own config need not.
+    device = peek(argv, "--env.sim.device")
+    if device not in (None, "None") and getattr(args, "device", "") is None:
+        setattr(args, "device", device)  # noqa: B010  (not every command has the option)
     return args
 
 

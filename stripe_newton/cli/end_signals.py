@@ -100,6 +100,9 @@ def leave_signals() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if sys.unraisablehook is _raise_again:
         sys.unraisablehook = sys.__unraisablehook__
+    if _put_off_since is not None:  # one that waits for the end of an import, whose timer would kill the process
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.set_wakeup_fd(-1)
 
 

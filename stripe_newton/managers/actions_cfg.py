@@ -141,8 +141,9 @@ class JointActionCfg(ActionTermCfg):
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from ActionTermCfg.problems(self)
-        if self.kind and self.kind not in ACTIONS and None in (self.process, self.apply) and not self.is_users:
-            yield "kind", f"is {self.kind!r}, must be one of {', '.join(ACTIONS)}"
+        if self.kind not in ACTIONS and None in (self.process, self.apply) and not self.is_users:
+            kinds = ", ".join(ACTIONS)
+            yield "kind", f"is {self.kind!r}, must be one of {kinds}, unless 'process' and 'apply' are given"
         for name in ("scale", "offset"):
             if not all(map(math.isfinite, _numbers(getattr(self, name)))):
                 yield name, f"is {getattr(self, name)}, must be finite"

@@ -10,6 +10,7 @@ first environment, and the arrays of the others repeat what it found.
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Iterator, Sequence
 
 import newton
@@ -17,12 +18,22 @@ import numpy as np
 import warp as wp
 from newton import GeoType, Model
 
-__all__ = ["finalize_replicated", "is_repeated"]
+__all__ = ["finalize_replicated", "is_repeated", "missing_names"]
 
 _DIFFER = ("shape_label", "shape_body", "shape_transform", "shape_world")
 """What shapes of one kind have each of their own; the model's arrays of the builder's values."""
 _ARRAYS = (("shape_body", wp.int32), ("shape_transform", wp.transform), ("shape_world", wp.int32))
 _SHAPE = Model.AttributeFrequency.SHAPE
+_OF_BUILDER = (
+    "_array_backed_attributes", "_body_variants", "_build_shape_collision_filter_packed",
+    "_custom_attribute_model_finalizers", "_raw_array_access", "_shape_collision_filter_pairs", "_shape_row_attributes",
+)  # fmt: skip
+"""Private names of Newton's builder that are used here: Newton has no public way to make a model of repeated shapes."""
+_OF_MODEL = (
+    "_set_shape_collision_filter_packed", "_shape_contact_pair_count", "_shape_contact_pair_counts",
+    "_shape_contact_pair_data", "bvh_build_shapes",
+)  # fmt: skip
+"""Likewise of its model."""
 
 
 def finalize_replicated(builder: newton.ModelBuilder, shared: int, device: str | wp.Device | None) -> newton.Model:
@@ -34,7 +45,7 @@ def finalize_replicated(builder: newton.ModelBuilder, shared: int, device: str |
         device: Device of the model.
     """
     count, worlds = builder.shape_count, builder.world_count
-    if worlds < 2 or count == shared or not is_repeated(builder, shared):
+    if worlds < 2 or count == shared or missing_names() or not is_repeated(builder, shared):
         return builder.finalize(device=device)
     of_one = (count - shared) // worlds
     with _first_world(builder, shared + of_one):
@@ -47,6 +58,20 @@ def finalize_replicated(builder: newton.ModelBuilder, shared: int, device: str |
     options = builder.default_bvh_cfg
     model.bvh_build_shapes(model, bvh_constructor=options.shape_constructor, shape_flags=options.shape_flags)
     return model
+
+
+@functools.cache
+def missing_names() -> list[str]:
+    """Names of Newton that are used here and that this version of it lacks; with one, it makes the model by itself."""
+    owners = ((newton.ModelBuilder(), _OF_BUILDER), (newton.Model(), _OF_MODEL))
+    missing = [
+        f"{type(owner).__name__}.{name}" for owner, names in owners for name in names if not hasattr(owner, name)
+    ]
+    try:
+        from newton._src.sim.shape_contact_pairs import _ShapeContactPairs  # noqa: F401
+    except ImportError:
+        missing.append("_ShapeContactPairs")
+    return missing
 
 
 def is_repeated(builder: newton.ModelBuilder, shared: int) -> bool:

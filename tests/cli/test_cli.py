@@ -70,6 +70,8 @@ def test_help_shows_fields_of_the_task(capsys):
         (["train", TASK, "--env.scene.num-env", "3"], "--env.scene.num-envs"),
         (["train", TASK, "--env.scene.num-envs", "abc"], "invalid literal for int()"),
         (["train", TASK, "--device", "cuda:77"], "there is no such device"),
+        (["train", TASK, "--env.sim.device", "cuda:77"], "--device cuda:77: there is no such device"),
+        (["bench", TASK, "--env.sim.device=cuda:77"], "--device cuda:77: there is no such device"),
         (["bench", TASK, "--device=gpu"], "--device 'gpu': is not a device; 'cpu', 'cuda' or 'cuda:N'"),
         (["train", TASK, "--log-dir", "l\udcefgs"], r"'l\udcefgs': has bytes that are not utf-8; rename the file"),
         (

@@ -12,6 +12,7 @@ import time
 
 import pytest
 
+from stripe_newton.cli import end_signals
 from tests.helpers.checkout import PYTHONPATH
 
 PROGRAM = """
@@ -160,3 +161,14 @@ def test_ctrl_c_while_the_program_is_loaded():
     python = subprocess.run([sys.executable, "-c", "import sys; print(*sys.modules)"], capture_output=True, text=True)
     new = loaded - set(python.stdout.split())
     assert not {"typing", "dataclasses", "importlib.abc", "importlib.metadata", "torch", "yaml"} & new
+
+
+def test_a_signal_that_waits_for_an_import_is_dropped_at_the_end(monkeypatch):
+    called = []
+    monkeypatch.setattr(end_signals, "_put_off_since", time.monotonic())
+    end_signals._call_soon(lambda *_: called.append(True), signal.SIGTERM)
+    end_signals.leave_signals()
+    time.sleep(5 * end_signals._POLL_S)
+    assert not called
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+    assert signal.getsignal(signal.SIGALRM) is signal.SIG_DFL

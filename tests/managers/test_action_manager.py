@@ -555,6 +555,8 @@ def test_problems_of_all_terms_are_gathered():
         (legs(delay_min_lag=2, delay_max_lag=1), "delay_min_lag"),
         (legs(clip={"a": (1.0, 0.0)}), "clip['a']"),
         (legs(scale=float("nan")), "scale"),
+        (legs(kind=""), "kind"),
+        (legs(kind="Unknown"), "kind"),
         (cfgs.NonHolonomicActionCfg(**BASE, offset=(0.0, INF)), "offset"),
         (cfgs.EMAJointPositionToLimitsActionCfg(alpha=1.5), "alpha"),
     ],

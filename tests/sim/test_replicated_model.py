@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 
 from stripe_newton.sim import replicated_model
-from stripe_newton.sim.replicated_model import finalize_replicated, is_repeated
+from stripe_newton.sim.replicated_model import finalize_replicated, is_repeated, missing_names
 from stripe_newton.sim.replication import replicate
 
 ORIGINS = np.array([[0.0, 0.0, 0.0], [4.0, 1.0, 0.0], [4.0, 1.0, 0.5], [0.0, 0.0, 0.0], [-3.0, 7.0, 0.2]])
@@ -124,3 +124,17 @@ def test_an_attribute_of_a_solver_may_differ():
     priority[builder.shape_count - 1] = 5
     model = finalize_replicated(builder, 2, "cpu")
     assert model.mujoco.geom_priority.numpy().tolist() == [priority.get(i, 0) for i in range(model.shape_count)]
+
+
+def test_private_names_of_newton(monkeypatch):
+    assert missing_names() == [], (
+        f"Newton {newton.__version__} has changed: scenes of many environments are built slowly"
+    )
+    monkeypatch.setattr(replicated_model, "_OF_MODEL", ("_moved",))
+    monkeypatch.setattr(replicated_model, "_grow", None)  # which is not called then
+    missing_names.cache_clear()
+    try:
+        assert missing_names() == ["Model._moved"]
+        assert finalize_replicated(worlds(), 2, "cpu").shape_count == worlds().shape_count
+    finally:
+        missing_names.cache_clear()

@@ -190,7 +190,7 @@ def table(rows: list[dict[str, float]]) -> str:
 
 
 def draw(rows: list[dict[str, float]], path: Path) -> None:
-    """Draw the columns over time. Memory and counts begin at zero, so that a growth of no matter looks so."""
+    """Draw the columns over time. The axes of memory and counts begin at zero: a tiny growth looks like one."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -202,7 +202,8 @@ def draw(rows: list[dict[str, float]], path: Path) -> None:
         axes.set_title(name, fontsize=9)
         axes.grid(alpha=0.3)
         if name in ("host_mb", "device_mb", "nonfinite_worlds"):
-            axes.set_ylim(0.0, 1.1 * max(*(row[name] for row in rows), 1.0))
+            top = 1.1 * max(*(row[name] for row in rows), 1.0)
+            axes.set_ylim(-0.05 * top, top)  # a line of zeros is seen, too
         axes.set_xlabel("minutes" if name in names[-2:] else "")
     figure.savefig(path, dpi=80)
 

@@ -83,9 +83,9 @@ def _pack_tensor(tensor: torch.Tensor) -> PackedTensor | torch.Tensor:
     # From the middle: the first rows may be those of the ground, or of environments that just began.
     start = max(0, (len(content) - _SAMPLE_BYTES) // 2)
     sample = content[start : start + _SAMPLE_BYTES]
-    if len(zlib.compress(sample, 1)) > _WORTHWHILE * len(sample):
+    if len(zlib.compress(sample.data, 1)) > _WORTHWHILE * len(sample):
         return tensor
-    packed = zlib.compress(content, 1)
+    packed = zlib.compress(content.data, 1)
     if len(packed) > _WORTHWHILE * len(content):
         return tensor
     return {

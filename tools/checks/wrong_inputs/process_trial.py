@@ -61,11 +61,11 @@ def _judge(case: dict[str, Any], code: int, text: str) -> tuple[str, str]:
     if "signal" in case["data"]:
         number = signal.Signals[case["data"]["signal"]]
         if code not in (0, 128 + number, -number):
-            return "crash", f"exit status {code}\n{text}"
+            return "crash", f"{text}\nexit status {code}"
         left = [*Path("logs").rglob("*.part")] + [run for run in Path("logs").glob("*/*") if not _can_be_resumed(run)]
         return ("silent", f"half-made: {left}\n{text}") if left else ("works", text)
     if code < 0:
-        return "crash", f"{signal.Signals(-code).name}\n{text}"
+        return "crash", f"{text}\n{signal.Signals(-code).name}"
     return ("works", text) if code == 0 else (judge_message(text[max(text.rfind("error: "), 0) :], case["names"]), text)
 
 
