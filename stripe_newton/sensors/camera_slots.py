@@ -62,8 +62,8 @@ class MeshTable:
             tree = wp.Mesh(points, faces, bvh_constructor="sah", bvh_leaf_size=_LEAF)
             self._kept.append(tree)
             self.faces.append(len(version.faces))
-            parts = None if offsets is None else offsets[version.part]
-            self._levels.append(self._level(int(tree.id), version.error, version.normals, parts))
+            part = None if offsets is None else offsets[version.part]
+            self._levels.append(self._level(int(tree.id), version.error, version.normals, part))
         return first, len(self._levels) - 1
 
     def _level(self, mesh: int, error: float, normals: np.ndarray | None, parts: np.ndarray | None) -> MeshLevel:
@@ -182,7 +182,7 @@ class CameraSlots:
         seen.count = wp.zeros(len(rows), dtype=int)
         return seen
 
-    def _assign_meshes(self, rows: _Rows, kept: np.ndarray | None) -> None:
+    def _assign_meshes(self, rows: _Rows, kept: np.ndarray) -> None:
         """Give each slot the versions of its mesh."""
         model, index = self._model, self._index
         versions = np.full((len(index), 2), -1, dtype=np.int32)
