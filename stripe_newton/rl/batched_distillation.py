@@ -23,6 +23,8 @@ class BatchedDistillation(Distillation):
     Where that cannot be said (:attr:`why_not_batched`), rsl_rl's own update runs.
     """
 
+    last_hidden_states: tuple[HiddenState, HiddenState]
+
     @property
     def why_not_batched(self) -> str:
         """Reason why the update is rsl_rl's own; empty if it is batched."""

@@ -122,12 +122,9 @@ class CameraSlots:
         self.table = MeshTable(model.device)
         rows = self._rows(seen)
         self.merged = sum(len(group) - 1 for group in rows.groups)
-        kept = (
-            np.setdiff1d(np.arange(len(rows.index[0])), [c for g in rows.groups for c in g[1:]])
-            if rows.groups
-            else None
-        )
-        own = rows.index if kept is None else [row[kept] for row in rows.index]
+        inner = [column for group in rows.groups for column in group[1:]]
+        kept = np.setdiff1d(np.arange(len(rows.index[0])), inner)  # columns that are slots
+        own = [row[kept] for row in rows.index] if inner else rows.index
         self.seen = self._slots([np.concatenate([row, shared]) for row in own])
         self._assign_meshes(rows, kept)
 
