@@ -51,13 +51,17 @@ class RecurrentCNNModel(CNNModel):
         self, obs: TensorDict, masks: torch.Tensor | None = None, hidden_state: HiddenState = None
     ) -> torch.Tensor:
         """Output of the recurrent layer, shape ``(num_envs, rnn_hidden_dim)``."""
+        return self.rnn(self.encode(obs), masks, hidden_state).squeeze(0)
+
+    def encode(self, obs: TensorDict) -> torch.Tensor:
+        """Inputs of the recurrent layer: normalised flat observations and encoded pictures, shape ``(..., inputs)``."""
         parts = [MLPModel.get_latent(self, obs)] if self.obs_groups else []
         for group in self.obs_groups_2d:
             picture = obs[group]
             # In PPO's update pictures are (steps, trajectories, channels, height, width); encoders take one batch.
             encoded = self.cnns[group](picture.flatten(0, -4))
             parts.append(encoded.unflatten(0, picture.shape[:-3]))
-        return self.rnn(torch.cat(parts, dim=-1), masks, hidden_state).squeeze(0)
+        return torch.cat(parts, dim=-1)
 
     def reset(self, dones: torch.Tensor | None = None, hidden_state: HiddenState = None) -> None:
         """Clear the memory of the environments whose episode ended, or set that of all."""

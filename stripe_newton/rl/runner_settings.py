@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from rsl_rl.utils import resolve_callable
 
+from .batched_distillation import BatchedDistillation
 from .configs import RslRlBaseRunnerCfg, RslRlOnPolicyRunnerCfg
 from .configs.model_cfg import RslRlRNNModelCfg
 from .graphs.ppo import GraphPPO
@@ -22,11 +23,13 @@ _OWN_PACKAGES = ("rsl_rl", "stripe_newton", "stripe_tasks")
 
 
 def rsl_rl_settings(cfg: RslRlBaseRunnerCfg) -> dict[str, object]:
-    """The dict for rsl_rl's runner, with :class:`GraphPPO` in place of PPO if the config wants graphs."""
+    """The dict for rsl_rl's runner, with this package's algorithms in place of rsl_rl's if the config wants graphs."""
     settings = cfg.to_rsl_rl()
     algorithm = settings["algorithm"]
-    if cfg.runner == "graph" and isinstance(algorithm, dict) and algorithm["class_name"] == "PPO":
-        algorithm["class_name"] = f"{GraphPPO.__module__}:{GraphPPO.__qualname__}"
+    if cfg.runner == "graph" and isinstance(algorithm, dict):
+        own = {"PPO": GraphPPO, "Distillation": BatchedDistillation}.get(algorithm["class_name"])
+        if own is not None:
+            algorithm["class_name"] = f"{own.__module__}:{own.__qualname__}"
     return settings
 
 

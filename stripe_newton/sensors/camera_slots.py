@@ -62,8 +62,8 @@ class MeshTable:
             tree = wp.Mesh(points, faces, bvh_constructor="sah", bvh_leaf_size=_LEAF)
             self._kept.append(tree)
             self.faces.append(len(version.faces))
-            parts = None if offsets is None else offsets[version.part]
-            self._levels.append(self._level(int(tree.id), version.error, version.normals, parts))
+            part = None if offsets is None else offsets[version.part]
+            self._levels.append(self._level(int(tree.id), version.error, version.normals, part))
         return first, len(self._levels) - 1
 
     def _level(self, mesh: int, error: float, normals: np.ndarray | None, parts: np.ndarray | None) -> MeshLevel:
@@ -122,12 +122,9 @@ class CameraSlots:
         self.table = MeshTable(model.device)
         rows = self._rows(seen)
         self.merged = sum(len(group) - 1 for group in rows.groups)
-        kept = (
-            np.setdiff1d(np.arange(len(rows.index[0])), [c for g in rows.groups for c in g[1:]])
-            if rows.groups
-            else None
-        )
-        own = rows.index if kept is None else [row[kept] for row in rows.index]
+        inner = [column for group in rows.groups for column in group[1:]]
+        kept = np.setdiff1d(np.arange(len(rows.index[0])), inner)  # columns that are slots
+        own = [row[kept] for row in rows.index] if inner else rows.index
         self.seen = self._slots([np.concatenate([row, shared]) for row in own])
         self._assign_meshes(rows, kept)
 
@@ -182,7 +179,7 @@ class CameraSlots:
         seen.count = wp.zeros(len(rows), dtype=int)
         return seen
 
-    def _assign_meshes(self, rows: _Rows, kept: np.ndarray | None) -> None:
+    def _assign_meshes(self, rows: _Rows, kept: np.ndarray) -> None:
         """Give each slot the versions of its mesh."""
         model, index = self._model, self._index
         versions = np.full((len(index), 2), -1, dtype=np.int32)

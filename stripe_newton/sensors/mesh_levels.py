@@ -157,7 +157,9 @@ def _best_places(mesh: Triangles, place: np.ndarray, edge: float) -> np.ndarray:
     weight = _STIFFNESS * np.trace(matrix, axis1=1, axis2=2) + 1.0e-30
     move = np.linalg.solve(matrix + weight[:, None, None] * np.eye(3), right[..., None])[..., 0]
     length = np.linalg.norm(move, axis=1, keepdims=True)
-    return mean + move * np.minimum(1.0, edge / np.maximum(length, 1.0e-30))
+    best = mean + move * np.minimum(1.0, edge / np.maximum(length, 1.0e-30))
+    # Within the box around the mesh, outside of which rays do not look for it.
+    return best.clip(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0))
 
 
 def _sums(index: np.ndarray, rows: np.ndarray, count: int = 0) -> np.ndarray:
