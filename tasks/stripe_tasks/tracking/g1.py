@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion tracking by Unitree's G1: ``Stripe-Tracking-Flat-G1-v0``.
 
-Terms, weights, noise and randomisation are those of BeyondMimic (Liao et al. 2025) as mjlab has them, but for the bins
-before a failure, which are sampled more often, too. Motions are not
+Terms, weights, noise and randomisation are those of BeyondMimic (Liao et al. 2025) as mjlab has them, with two
+differences: the bins before a failure are sampled more often, too, and there is a reward for the places of hands and
+feet alone. Motions are not
 part of this package: ``commands.motion.motion_file`` names files, such as those of LAFAN1 that Unitree publishes,
 retargeted to this robot.
 """
@@ -47,6 +48,7 @@ ENDS = ["(left|right)_ankle_roll_link", "(left|right)_wrist_yaw_link"]
 """Bodies that end an episode where they are far from the motion's."""
 MOTION = {"command_name": "motion"}
 BODIES = {**MOTION, "asset_cfg": SceneEntityCfg("robot", body_names=TRACKED)}
+HANDS_AND_FEET = {**MOTION, "asset_cfg": SceneEntityCfg("robot", body_names=ENDS)}
 VELOCITIES = {
     "x": (-0.5, 0.5),
     "y": (-0.5, 0.5),
@@ -163,6 +165,10 @@ class RewardsCfg:
     motion_global_root_pos: RewardTermCfg = follow(mdp.motion_global_anchor_position_error_exp, 0.5, 0.3, MOTION)
     motion_global_root_ori: RewardTermCfg = follow(mdp.motion_global_anchor_orientation_error_exp, 0.5, 0.4, MOTION)
     motion_body_pos: RewardTermCfg = follow(mdp.motion_relative_body_position_error_exp, 1.0, 0.3, BODIES)
+    # A foot that is 0.2 m too low ends the episode, but is worth next to nothing in the mean over all bodies.
+    motion_ends_pos: RewardTermCfg | None = follow(
+        mdp.motion_relative_body_position_error_exp, 1.0, 0.15, HANDS_AND_FEET
+    )
     motion_body_ori: RewardTermCfg = follow(mdp.motion_relative_body_orientation_error_exp, 1.0, 0.4, BODIES)
     motion_body_lin_vel: RewardTermCfg = follow(mdp.motion_global_body_linear_velocity_error_exp, 1.0, 1.0, BODIES)
     motion_body_ang_vel: RewardTermCfg = follow(mdp.motion_global_body_angular_velocity_error_exp, 1.0, 3.14, BODIES)
