@@ -148,6 +148,25 @@ def test_walker_runs_on_rough_ground(robot):
     env.close()
 
 
+@pytest.mark.slow
+def test_a_swaying_g1_is_rewarded_for_turning_as_commanded():
+    """On rough ground the reward for turning must not vanish while the robot rolls and pitches, as it does at first."""
+    robot_file("g1")
+    env = gymnasium.make_vec("Stripe-Velocity-Rough-G1-v0", cfg=config("Stripe-Velocity-Rough-G1-v0"))
+    env.reset(seed=1)
+    steps(env, 2)
+    velocity = torch.zeros(N, 6)
+    velocity[:, 3:5] = 1.5
+    velocity[:, 5] = env.command_manager.get_command("base_velocity")[:, 2] + torch.tensor([0.0, 1.0, 2.0, 3.0])
+    env.scene["robot"].write_root_velocity_to_sim(velocity)
+    value = env.reward_manager.compute_terms()[:, env.reward_manager.active_terms.index("track_ang_vel_z_exp")]
+    assert value[0] > 1.9
+    # Also 1 rad/s off, which is where the training begins, there is a slope to follow.
+    assert (value.diff() < -0.01).all()
+    assert value[1] > 0.5
+    env.close()
+
+
 def test_encoders_err_in_what_the_policy_sees_and_the_critic_sees_the_truth():
     robot_file("g1")
     cfg = config("Stripe-Velocity-Flat-G1-v0")
@@ -182,10 +201,10 @@ def test_tracking_begins_on_the_motion(tmp_path):
     term.frame[:] = term.start  # one frame back: that at which the robot was put down
     names = [n for n in env.reward_manager.active_terms if n.startswith("motion_")]
     values = env.reward_manager.compute_terms()[:, : len(names)]
-    weights = torch.tensor([0.5, 0.5, 1.0, 1.0, 1.0, 1.0])
+    weights = torch.tensor([0.5, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0])
     shares = (values / weights).amin(dim=0)
     # Knees and ankles are held to their soft limits, up to 0.2 rad from what these motions want.
-    bounds = torch.tensor([0.999, 0.999, 0.99, 0.93, 0.99, 0.99])
+    bounds = torch.tensor([0.999, 0.999, 0.99, 0.8, 0.93, 0.99, 0.99])
     assert (shares > bounds).all(), dict(zip(names, shares, strict=True))
     env.reset(seed=0)
     steps(env, 5)

@@ -40,7 +40,7 @@ TASKS = (
     "Stripe-Velocity-Rough-G1-v0:2000",
     "Stripe-Repose-Cube-Allegro-Direct-v0:2000",
     "Stripe-Tracking-Flat-G1-v0:3000",
-    "Stripe-Getup-Flat-G1-v0:1000",
+    "Stripe-Getup-Flat-G1-v0:1500",
     "Stripe-Cartpole-Camera-Direct-v0:300@1024",
     "Stripe-Lift-Cube-Panda-Camera-v0:2000@1024",
     "Stripe-Velocity-Rough-Quadruped-Depth-v0:300@1024",
