@@ -6,33 +6,65 @@
 #if WRENCH_ROWS && IN_REGISTERS
 namespace fused {
 
-enum { ABOVE = NV > LANES ? NV - LANES : 0, ABOVE_SIZE = ABOVE ? ABOVE : 1 };
+enum {
+    ABOVE = NV > LANES ? NV - LANES : 0,
+    ABOVE_SIZE = ABOVE ? ABOVE : 1,
+    START = (ABOVE + 3) / 4 * 4,             // the first column of those that are eliminated in a loop
+    NARROW = (START / 4 + NFOURS + 1) / 2,   // the four from which on half of a row is left
+};
+FN int lowest(unsigned long long bits) { return __ffsll(bits) - 1; }
 
-// Add the Hessian of the constraints to the rows of a lane: `r` with its diagonal, of the degree of freedom `own`, and
-// `t`, of `above`.
+// Add the Hessian of the constraints to the rows of a lane: above the diagonal of M to that of the degree of freedom `own`,
+// whose turn is `turn`, and to its diagonal, and to `t`, of `above`.
 template <bool FITS>
-FN void add_constraints(World& w, int rows, int contacts, int own, int above, real* r, real& diagonal, real* t, int lane) {
+FN void add_constraints(World& w, int rows, int contacts, int own, int turn, int above, real& diagonal, real* t, int lane) {
     const int joint_rows = joint_rows_of<FITS>(w, rows, contacts);
     ROLLED for (int i = 0; i < joint_rows; i++) {
         const real *o = row_of<FITS>(w, i), weight = o[R_WEIGHT];
         if ((int)o[R_DOF] == own) diagonal += weight;
         UNROLLED for (int j = 0; j < ABOVE; j++) if ((int)o[R_DOF] == j && above == j) t[j] += weight;
     }
+    UNROLLED for (int j = 0; j < NV; j++) if (turn > j) w.M[j * LD + turn] = 0;
     ROLLED for (int c = 0; c < contacts;) {
         const Group g = group_of<FITS>(w, c, rows, contacts);
         c = g.next;
         add_up_stiffness<FITS>(w, g, lane);
         const Spatial s = sign_of(g, own) * motion_of(w, own), U = stiffness_times(w, s);
-        const Spatial T = ABOVE ? stiffness_times(w, sign_of(g, above) * motion_of(w, above)) : U;
         diagonal += dot(s, U);
-        const unsigned long long both = g.first | g.second;
-        UNROLLED for (int j = 0; j < NV; j++) {
-            if (!(both >> j & 1)) continue;  // the same for all lanes
-            const Spatial other = motion_of(w, j);
-            const real sign = g.second >> j & 1 ? 1 : -1;
-            r[j] += sign * dot(other, U);
-            if (j < ABOVE) t[j < ABOVE ? j : 0] += sign * dot(other, T);
+        ROLLED for (unsigned long long both = g.first | g.second; both; both &= both - 1) {
+            const int j = lowest(both);
+            const real x = sign_of(g, j) * dot(motion_of(w, j), U);
+            if (turn > j) w.M[j * LD + turn] += x;
         }
+        if (ABOVE) {
+            const Spatial T = stiffness_times(w, sign_of(g, above) * motion_of(w, above));
+            UNROLLED for (int j = 0; j < ABOVE; j++) t[j] += sign_of(g, j) * dot(motion_of(w, j), T);
+        }
+    }
+}
+
+// Eliminate fours of columns, of which `r` has the numbers from the first one on, 4 WIDTH of them. A loop, as the instructions
+// for all columns would take longer to fetch than to execute.
+template <int WIDTH>
+FN void eliminate(World& w, int four, int last, real* r, real& diagonal, real& y, real& own_scale, int turn) {
+    ROLLED for (; four < last; four++) {
+        UNROLLED for (int q = 0; q < 4; q++) {
+            const int j = 4 * four + q;
+            if (4 * NFOURS > NV && j >= NV) break;
+            real* column = w.M + j * LD;
+            if (turn > j) column[turn] = r[q];
+            const real pivot = from_lane(diagonal, j - ABOVE), yj = from_lane(y, j - ABOVE);
+            const real scale = RECIPROCAL(larger(pivot, (real)1e-30)), l = r[q] * scale;
+            y -= l * yj, diagonal -= l * r[q];
+            if (turn == j) own_scale = scale;
+            w.s[j] = scale * yj;  // all lanes write the same
+            SYNC();
+            UNROLLED for (int g = (q + 1) / 4; g < WIDTH; g++) {  // beyond the end of the row is memory that does no harm
+                const Four x = ((const Four*)(column + 4 * four))[g];
+                UNROLLED for (int k = 0; k < 4; k++) if (4 * g + k > q) r[4 * g + k] -= l * x.x[k];
+            }
+        }
+        UNROLLED for (int k = 0; k < 4 * WIDTH - 4; k++) r[k] = r[k + 4];
     }
 }
 
@@ -45,37 +77,42 @@ ONE_COPY void solve(World& of, int rows, int contacts, real (World::*right)[NV],
     const bool has_row = ABOVE + lane < NV;
     const int own = has_row ? ABOVE + lane : 0, turn = has_row ? own : -1, above = lane < ABOVE ? lane : 0;
     real r[4 * NFOURS], t[ABOVE_SIZE];
+    UNROLLED for (int j = 0; j < ABOVE; j++) t[j] = w.M[above * LD + j];
+    real diagonal = w.M[own * LD + own], y = sign * (w.*right)[own], z = sign * (w.*right)[above];
+    if (rows) add_constraints<FITS>(w, rows, contacts, own, turn, above, diagonal, t, lane);
     UNROLLED for (int g = 0; g < NFOURS; g++) {
         const Four four = ((const Four*)(w.M + own * LD))[g];
         UNROLLED for (int k = 0; k < 4; k++) r[4 * g + k] = four.x[k];
     }
-    UNROLLED for (int j = 0; j < ABOVE; j++) t[j] = w.M[above * LD + j];
-    real diagonal = w.M[own * LD + own], y = sign * (w.*right)[own], z = sign * (w.*right)[above];
-    add_constraints<FITS>(w, rows, contacts, own, above, r, diagonal, t, lane);
+    if (rows) UNROLLED for (int j = 0; j < NV; j++) if (turn > j) r[j] += w.M[j * LD + own];
     SYNC();  // all have read their rows
     real own_scale = 0, scales[ABOVE_SIZE] = {0};
-    UNROLLED for (int j = 0; j < NV; j++) {
-        const int from = j < ABOVE ? j : j - ABOVE;  // the lane whose row has its turn; those before are done
+    UNROLLED for (int j = 0; j < START; j++) {
+        const bool is_above = j < ABOVE;
+        const int a = is_above ? j : 0;
         if (turn > j) w.M[j * LD + turn] = r[j];
-        if (lane > j && lane < ABOVE) w.M[j * LD + lane] = t[j < ABOVE ? j : 0];
-        const real pivot = from_lane(j < ABOVE ? t[j < ABOVE ? j : 0] : diagonal, from), yj = from_lane(j < ABOVE ? z : y, from);
-        const real scale = RECIPROCAL(larger(pivot, (real)1e-30)), l = r[j] * scale;
+        if (lane > j && lane < ABOVE) w.M[j * LD + lane] = t[a];
+        const real pivot = is_above ? from_lane(t[a], j) : from_lane(diagonal, j - ABOVE);
+        const real yj = is_above ? from_lane(z, j) : from_lane(y, j - ABOVE);
+        const real scale = RECIPROCAL(larger(pivot, (real)1e-30)), l = r[j] * scale, m = t[a] * scale;
         y -= l * yj, diagonal -= l * r[j];
-        if (j < ABOVE) scales[j < ABOVE ? j : 0] = scale;
-        else if (own == j) own_scale = scale;
+        if (is_above) scales[a] = scale;
+        else if (turn == j) own_scale = scale;
+        if (is_above && lane > j) z -= m * yj;
         w.s[j] = scale * yj;  // all lanes write the same
         SYNC();
         UNROLLED for (int g = (j + 1) / 4; g < NFOURS; g++) {
             const Four four = ((const Four*)(w.M + j * LD))[g];
-            UNROLLED for (int k = 0; k < 4; k++)
-                if (4 * g + k > j && 4 * g + k < NV) r[4 * g + k] -= l * four.x[k];
-        }
-        if (j + 1 < ABOVE) {
-            const real m = t[j < ABOVE ? j : 0] * scale;
-            if (lane > j) z -= m * yj;
-            UNROLLED for (int k = j + 1; k < ABOVE; k++) t[k] -= m * w.M[j * LD + k];
+            UNROLLED for (int k = 0; k < 4; k++) {
+                if (4 * g + k <= j) continue;
+                r[4 * g + k] -= l * four.x[k];
+                if (4 * g + k < ABOVE) t[4 * g + k < ABOVE ? 4 * g + k : 0] -= m * four.x[k];
+            }
         }
     }
+    UNROLLED for (int k = 0; k < 4 * NFOURS - START; k++) r[k] = r[k + START];
+    eliminate<NFOURS - START / 4>(w, START / 4, NARROW, r, diagonal, y, own_scale, turn);
+    eliminate<NFOURS - NARROW>(w, NARROW, NFOURS, r, diagonal, y, own_scale, turn);
     // x = D^-1 y - (L' - 1) x, with rows of L' in a lane.
     y = w.s[own];
     UNROLLED for (int g = 0; g < NFOURS; g++) {
