@@ -25,7 +25,7 @@ _MOST_STILLS = 8
 _MOST_GROUNDS = 2
 """Height fields and meshes whose poses are kept in the state of a world."""
 _MOST_SEARCHES, _MOST_LISTED = 48, 128
-"""Searches for contacts that the lanes of a warp do at a time, and touches that they list: to 40 and 70 in a flat."""
+"""Searches that the lanes of a warp do at a time, and touches that they list: up to 40 and 70 in a furnished flat."""
 _MOST_COLUMNS = 10
 """Degrees of freedom of hub and limb for which a lane of a GPU has registers."""
 _HITS = {
