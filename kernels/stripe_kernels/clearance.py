@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clearance: distances from the cells of a grid to the nearest face and the nearest edge of meshes."""
+"""Clearance: distances from the centres of a grid's cells to the nearest face and the nearest edge of meshes."""
 
 import warp as wp
 
@@ -18,7 +18,7 @@ def measure_clearance(
     unit: float,
     clearance: wp.array2d[wp.uint8],
 ):
-    """Write for each cell a distance that no point of it is nearer to a face than, and the same of edges.
+    """Write for each cell a distance that its centre is not nearer to a face than, and the same of edges.
 
     A thread computes a cell.
 
@@ -37,13 +37,13 @@ def measure_clearance(
     center = low + cell * wp.vec3(
         float(i % columns) + 0.5, float(i // columns % rows) + 0.5, float(i // (columns * rows)) + 0.5
     )
-    diagonal = 0.5 * wp.sqrt(3.0) * cell + 1.0e-4
-    most = 255.0 * unit + diagonal
+    more = 1.0e-4  # than rounding
+    most = 255.0 * unit + more
     if edges != wp.uint64(0):
         nearest = wp.mesh_query_point_no_sign(edges, center, most)
         if nearest.result:
             offset = center - wp.mesh_eval_position(edges, nearest.face, nearest.u, nearest.v)
-            clearance[i, 1] = in_units(wp.length(offset) - diagonal, unit)
+            clearance[i, 1] = in_units(wp.length(offset) - more, unit)
     found = wp.mesh_query_point_sign_normal(mesh, center, most)
     if not found.result:
         return
@@ -51,7 +51,7 @@ def measure_clearance(
     if is_solid[found.face] != 0 and found.sign < 0.0:
         clearance[i, 0] = wp.uint8(0)
         return
-    clearance[i, 0] = in_units(wp.length(offset) - diagonal, unit)
+    clearance[i, 0] = in_units(wp.length(offset) - more, unit)
 
 
 @wp.func

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from stripe_newton.solvers import SolverFused
+from stripe_newton.solvers import SolverFused, limb_form
 from stripe_newton.solvers.contact_pairs import contact_pairs
 from stripe_newton.solvers.launch_arguments import ConvertedState, StepCall
 from stripe_newton.solvers.limb_form import LimbForm, why_no_limbs
@@ -99,8 +99,11 @@ def launched(solver: SolverFused, before: dict[str, np.ndarray], steps: int) -> 
 
 
 @pytest.mark.parametrize("ground", [PLANE, FIELD, MESHES], ids=["plane", "field", "meshes"])
-def test_worlds_with_parameters_of_their_own(ground):
-    """State, bodies and forces of contacts are those of the general form, and so are states of four lanes."""
+def test_worlds_with_parameters_of_their_own(ground, monkeypatch):
+    """State, bodies and forces of contacts are those of the general form, and so are states of four lanes.
+
+    Also if these have no room for their touches.
+    """
     model = walker_worlds("floating", 12, ground)
     solver = SolverFused(model, njmax=160, nconmax=40, kinematic_switchable_roots=False)
     solver.triangles = solver.static_triangles = True
@@ -144,6 +147,15 @@ def test_worlds_with_parameters_of_their_own(ground):
     emulated(3)
     np.testing.assert_array_equal(data.nefc.numpy(), limb["nefc"])
     np.testing.assert_allclose(data.qvel.numpy(), limb["qvel"], rtol=1e-4, atol=1e-4)
+    if ground == PLANE:
+        return
+    speeds = data.qvel.numpy().copy()
+    monkeypatch.setattr(limb_form, "_MOST_LISTED", 3)
+    emulated = emulate(solver, 4)
+    for name, value in before.items():
+        getattr(data, name).assign(value)
+    emulated(3)
+    np.testing.assert_array_equal(data.qvel.numpy(), speeds)
 
 
 @pytest.mark.parametrize(("name", "lanes"), [("floating", 4), ("planar", 4), ("planar", 32)])

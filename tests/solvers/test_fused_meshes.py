@@ -216,27 +216,30 @@ def test_cells_list_all_faces_that_are_near():
 
 
 @pytest.mark.parametrize("solid", [True, False])
-def test_no_face_is_nearer_to_a_cell_than_it_says(solid):
+def test_no_face_is_nearer_to_the_centre_of_a_cell_than_it_says(solid):
     mesh = step_mesh(1, solid)
     grids = MeshGrids([[TriangleMesh(mesh.vertices, mesh.faces, 3)]], 0.05, "cpu")
     cells, record = grids._arrays[-2].numpy(), grids._arrays[-1].numpy()[128:]  # behind two grids of 64 bytes
     low, scale, size = record[:12].view(np.float32), record[12:16].view(np.float32)[0], record[16:28].view(np.int32)
     unit = record[28:32].view(np.float32)[0]
     points = np.random.default_rng(4).uniform(low, low + size / scale, size=(400, 3))
-    col, row, layer = np.floor((points - low) * scale).astype(int).T
+    place = np.floor((points - low) * scale)
+    col, row, layer = place.astype(int).T
+    away = np.linalg.norm(points - low - (place + 0.5) / scale, axis=1)
     clear, clear_of_edges = unit * cells[(layer * size[1] + row) * size[0] + col].T
     distance = trimesh.proximity.closest_point_naive(mesh, points)[1]
     within = [(np.abs(points - center) < half).all(axis=1) for center, half in BOXES]
     inside = (within[0] | within[1]) & solid
-    assert (clear <= distance).all()
+    assert (clear - away <= distance).all()
     diagonal = 3**0.5 / scale
-    assert (clear >= distance - diagonal - 2 * unit)[~inside].all()  # and it says much
+    assert (clear >= distance - away - 2 * unit)[~inside & (clear > 0.0)].all()  # and it says much
+    assert (clear > 0.0)[~inside & (distance > away + 2 * unit)].all()
     deep = inside & (distance > diagonal)
     assert (clear[deep] == 0.0).all()
     assert deep.any() == solid
     to_edges = distance_to_edges(points, grids._arrays[6].numpy().view(np.float32).reshape(-1, 16)[:, :6])
-    assert (clear_of_edges <= to_edges + 1e-6).all()
-    assert (clear_of_edges >= to_edges - diagonal - 2 * unit)[to_edges < 255 * unit].all()
+    assert (clear_of_edges - away <= to_edges + 1e-6).all()
+    assert (clear_of_edges >= to_edges - away - 2 * unit)[to_edges < 255 * unit].all()
 
 
 def distance_to_edges(points: np.ndarray, ends: np.ndarray) -> np.ndarray:

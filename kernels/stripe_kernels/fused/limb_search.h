@@ -11,11 +11,6 @@
 #if WARP_SEARCHES
 namespace fused {
 
-enum {
-    MOST_SEARCHES = 48,  // at a time; a warp of robots that stand has up to 20 parts with candidates
-    MOST_LISTED = 128,   // touches; those of a search without a place are found again in each round
-};
-
 struct Kept {
     Touch touch;
 };
@@ -36,7 +31,7 @@ struct alignas(16) WarpSearches {
     bool far[MOST_SEARCHES];                 // whether such faces are asked for
     bool is_listed[MOST_SEARCHES];           // whether all its touches are listed
     int num_listed;                          // touches, of which there may be more than places
-    Candidate touching[MOST_LISTED];
+    Candidate touching[MOST_LISTED];         // those of a round that has more are found again in the next one
     Candidate queue[64];                     // candidates that may touch
 };
 static_assert(sizeof(WarpSearches) <= 4 * WARP_SEARCHES_SIZE, "size of WarpSearches");

@@ -60,16 +60,18 @@ struct Clear {
     real faces, edges;
 };
 FN Clear clearance_at(const Clearance& g, Vec p) {
-    real u[3] = {p.x - g.low[0], p.y - g.low[1], p.z - g.low[2]}, least = 0, most = 0;  // bounds of the distance to the grid
+    real u[3] = {p.x - g.low[0], p.y - g.low[1], p.z - g.low[2]}, beyond = 0, square = 0;  // the grid; distance from a centre
     int cell[3];
     for (int k = 0; k < 3; k++) {
         const real x = g.cells_per_metre * u[k], size = (real)g.size[k];
         cell[k] = (int)smaller(larger(x, 0), size - 1);
-        const real beyond = g.metres_per_cell * larger(larger(-x, x - size), 0);
-        least = larger(least, beyond), most += beyond;
+        beyond = larger(beyond, g.metres_per_cell * larger(larger(-x, x - size), 0));
+        const real off = u[k] - g.metres_per_cell * ((real)cell[k] + (real)0.5);
+        square += off * off;
     }
     const int units = g.cells[(cell[2] * g.size[1] + cell[1]) * g.size[0] + cell[0]];
-    return Clear{larger(least, g.unit * (units & 255) - most), larger(least, g.unit * (units >> 8) - most)};
+    const real away = SQRT(square);
+    return Clear{larger(g.unit * (units & 255) - away, beyond), larger(g.unit * (units >> 8) - away, beyond)};
 }
 
 // Items of cells: those of a row of cells lie one after another. One that reaches into several cells is there several times.

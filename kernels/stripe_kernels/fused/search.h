@@ -56,8 +56,8 @@ struct Grid {
     const void* things; // MeshFace or MeshEdge
     const int* planes;  // of each cell a face for whose plane all of its faces may be taken, or -1; none for edges
 };
-// A grid of distances to the nearest face and the nearest edge, as in mesh_grid.py: no point of a cell is nearer to one than the
-// cell says.
+// A grid of distances to the nearest face and the nearest edge, as in mesh_grid.py: the centre of a cell is not nearer to one
+// than the cell says.
 struct Clearance {
     float low[3], cells_per_metre;
     int size[3];
