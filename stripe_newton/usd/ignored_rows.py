@@ -14,8 +14,14 @@ _MAX_ROWS = 20
 
 
 def ignored_text(file: str, rows: Ignored) -> str:
-    """Rows of what was ignored or changed in a file, for a warning: at most 20 lines."""
-    lines = [f"{path or file}: {what}: {why}" for path, what, why in rows]
+    """Rows of what was ignored or changed in a file, for a warning of at most 20 lines; equal rows share one."""
+    places: dict[tuple[str, str], list[str]] = {}
+    for path, what, why in rows:
+        places.setdefault((what, why), []).append(path or file)
+    lines = [
+        f"{paths[0]}{f' and {len(paths) - 1} more' if len(paths) > 1 else ''}: {what}: {why}"
+        for (what, why), paths in places.items()
+    ]
     head = f"{file}: {count(rows, 'thing')} left out, converted or replaced (scene.builder.reports lists them):"
     more = [f"... and {len(lines) - _MAX_ROWS} more"] if len(lines) > _MAX_ROWS else []
     return "\n  ".join([head, *lines[:_MAX_ROWS], *more])
