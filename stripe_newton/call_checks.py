@@ -61,7 +61,10 @@ def to_tensor(name: str, value: object, must: str, device: str, dtype: torch.dty
         ValueError: if it cannot be one.
     """
     try:
-        found = torch.as_tensor(value, device=device)
+        if isinstance(value, torch.Tensor) and str(value.device) == device:  # quicker, as this is asked in every step
+            found = value
+        else:
+            found = torch.as_tensor(value, device=device)
         # Only where nothing is lost: torch would drop the imaginary part with a warning.
         if not found.is_complex() and found.layout == torch.strided:
             return found if dtype is None else found.to(dtype)

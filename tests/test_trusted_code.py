@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from stripe_newton import trusted_code
-from stripe_newton.cli import main
+from stripe_newton.cli import main, tasks
 from stripe_newton.trusted_code import trust, trusted_packages, why_not_trusted
 from tests.helpers.fake_env import TASK
 from tests.helpers.fake_runner import make_runner
@@ -40,6 +40,17 @@ def test_names(evil):
     trust("evilmod.part")
     assert why_not_trusted("evilmod:Model") == ""
     assert evil.exists()
+
+
+def test_a_class_of_the_user_that_cannot_be_made(evil, capsys, monkeypatch):
+    model = "class Model:\n    def __init__(self, *args, **fields):\n        self.{}\n"
+    (evil.parent / "brokenmod.py").write_text("class Model: pass\n" + model.format("x").replace("Model", "Deep"))
+    monkeypatch.setattr(tasks, "_imported", [])
+    words = ["--import", "brokenmod", "train", TASK, "--num-envs", "4", "--max-iterations", "1", "--device", "cpu"]
+    for name, message in (("Model", "brokenmod:Model: TypeError: Model() takes no arguments"),
+                          ("Deep", "brokenmod.py:4: AttributeError: 'Deep' object has no attribute 'x'")):  # fmt: skip
+        assert main([*words, "--agent.actor.class-name", f"brokenmod:{name}"]) == 2
+        assert f"error: networks and algorithm: {message} (STRIPE_NEWTON_TRACEBACK=1" in capsys.readouterr().err
 
 
 def test_a_run_folder_runs_no_code(evil, capsys):

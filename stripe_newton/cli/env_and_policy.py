@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ from .compile_log import CompileLog
 from .kernel_warmup import warm_up
 from .run_configs import Configs, is_same_task
 from .tasks import make_env
+from .user_error import user_code
 
 if TYPE_CHECKING:
     from stripe_newton.rl import OnPolicyRunner, Policy, RslRlVecEnvWrapper
@@ -42,16 +44,19 @@ def build(
         checkpoint: A checkpoint whose policy is loaded.
     """
     from stripe_newton.rl import DistillationRunner, OnPolicyRunner, RslRlDistillationRunnerCfg
+    from stripe_newton.rl.runner_settings import foreign_classes
     from stripe_newton.rl.runs.training_state import restore_normalization
 
     env, agent = build_env(task, configs, render), configs.need_agent()
-    runner: OnPolicyRunner
     if isinstance(agent, RslRlDistillationRunnerCfg):
         # A student that only acts needs no teacher, whose run may be gone.
         agent = agent if checkpoint is None else agent.replace(teacher_checkpoint="")
-        runner = DistillationRunner(env, agent, log_dir)
+        kind: type[OnPolicyRunner] = DistillationRunner
     else:
-        runner = OnPolicyRunner(env, agent, log_dir)
+        kind = OnPolicyRunner
+    foreign = ", ".join(foreign_classes(agent.to_rsl_rl()))
+    with user_code("networks and algorithm", anywhere=True, otherwise=foreign) if foreign else nullcontext():
+        runner = kind(env, agent, log_dir)
     _choose_threads(runner, agent, acts_only=checkpoint is not None)
     if checkpoint is not None:
         runner.load(checkpoint, load_cfg=runner.parts_to_act)

@@ -104,7 +104,7 @@ def _train(task: str, argv: Sequence[str]) -> int:
                 # Before the environment is built, so that the run can be resumed from the beginning on.
                 folder.write_task(task)
                 folder.write_params(configs.env, configs.need_agent(), total_envs)
-            runner = _build_runner(task, configs, folder, checkpoint, keeps_episodes, changes)
+            runner = _build_runner(task, configs, folder, checkpoint, keeps_episodes, changes, args.allow_changes)
             # Once nothing is refused any more: a run that is not resumed stays as it is.
             if world().rank == 0:
                 with contextlib.suppress(OSError):  # the report then leaves them out
@@ -153,7 +153,13 @@ def _run_folder(task: str, args: TrainArgs, configs: Configs, resumed: RunFolder
 
 
 def _build_runner(
-    task: str, configs: Configs, folder: RunFolder, checkpoint: Path | None, keeps_episodes: bool, changes: Changes
+    task: str,
+    configs: Configs,
+    folder: RunFolder,
+    checkpoint: Path | None,
+    keeps_episodes: bool,
+    changes: Changes,
+    networks_alone: bool,
 ) -> OnPolicyRunner:
     """Build environment and runner, and load the checkpoint of a resumed run."""
     agent = configs.need_agent()
@@ -166,7 +172,7 @@ def _build_runner(
         for part, reason in runner.no_graphs.items():
             print(f"the {part} runs rsl_rl's own code rather than a graph: {reason}")
     if checkpoint is not None:
-        runner.resume(checkpoint, keeps_episodes)
+        runner.resume(checkpoint, keeps_episodes, networks_alone)
         done = runner.iterations_done
         if done >= agent.max_iterations:
             raise UserError(

@@ -37,20 +37,22 @@ def check_count(option: str, value: int | None, least: int = 1) -> None:
 
 
 @contextmanager
-def user_code(where: str, anywhere: bool = False) -> Iterator[None]:
+def user_code(where: str, anywhere: bool = False, otherwise: str = "") -> Iterator[None]:
     """Within this context an error that a user's code raises becomes a :class:`UserError` of one line.
 
     Args:
         where: What was done, for the message.
         anywhere: Also for an error that was raised below the user's code, such as by a class that it calls.
+        otherwise: What to name where no line of the user's code is at fault, such as a class that is called wrongly;
+            without it such an error is not changed.
     """
     try:
         yield
     except (UserError, KeyboardInterrupt, SystemExit):
         raise
     except Exception as error:
-        place = None if os.environ.get(TRACEBACK) else _place(error, anywhere)
-        if place is None or any(kind.__name__ == "ConfigError" for kind in type(error).__mro__):
+        place = None if os.environ.get(TRACEBACK) else _place(error, anywhere) or otherwise
+        if not place or any(kind.__name__ == "ConfigError" for kind in type(error).__mro__):
             raise
         said = str(error).strip().partition("\n")[0]
         hint = f"{TRACEBACK}=1 shows the traceback"

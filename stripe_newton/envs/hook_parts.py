@@ -63,6 +63,7 @@ def hook_recorder(env: RecordingEnv) -> HookRecorder | None:
         changed=lambda: env.plan.recapture(),
         fused_envs=env.num_envs if env.cfg.hooks_fusion and fuses_on(env.device) else 0,
     )
+    recorder.context.log_memory = env.outputs.reserve_logged
     recorder.context.flags.append((env.sim, "roots_moved"))
     return recorder
 
@@ -83,7 +84,7 @@ def _arrays(env: RecordingEnv) -> dict[str, torch.Tensor]:
         leaves = leaves_of(group)
         found |= {f"observations '{k}'" + f"[{i}]" * (len(leaves) > 1): leaf for i, leaf in enumerate(leaves)}
     # Last, as a difference is named after the first memory that has it: these hold arrays that have names above.
-    return found | {f"outputs {i}": chunk for i, chunk in enumerate(env.outputs.chunks)}
+    return found | {f"outputs '{name}'": wp.to_torch(array) for name, array in env.outputs.arrays.items()}
 
 
 class Recorder:
@@ -200,8 +201,8 @@ class HookPart:
 
     def launch(self) -> Sequence[Callable[[], None]]:
         """Launch the hook within a recording."""
-        after = self.hook.launch()
-        return [after] if self._before is None else [self._before, after]
+        after = self.hook.launch().parts()
+        return after if self._before is None else [self._before, *after]
 
 
 class PhysicsPart:
@@ -227,7 +228,7 @@ class PhysicsPart:
         per_call = 1 if self._env.applies_each_substep else steps
         after: list[Callable[[], None]] = [self._env.count_physics]
         for _ in range(0, steps, per_call):
-            after.append(self.hook.launch())
+            after += self.hook.launch().parts()
             self._env.sim.launch(per_call)
         return after
 
@@ -260,8 +261,25 @@ class ResetPart:
         self._rows: tuple[object, EnvRows] | None = None
         self.hook: RecordedHook
 
-    def run(self, number: int) -> None:
-        """Run the hook for the environments of the reset mask, of which there are so many, in the recorder's way."""
+    def choose(self) -> tuple[int, object] | None:
+        """The number that the graph of this step resets, and its own recording, if it resets fewer, too.
+
+        Such a graph is recorded together with what follows in the step: after the host has waited for the number, one
+        launch is all that the device waits for. Graphs of single numbers are not: there may be many.
+        """
+        self._env.outputs.prepare()  # before the host waits, as the device has work
+        size = self._size_for(self._mask.number)
+        recording = self._recorder.padded_recording(self.hook, size) if self._mask.number and size else None
+        if recording is None:
+            return None
+        self._padded = size
+        return size, recording
+
+    def run(self) -> None:
+        """Run the hook for the environments of the reset mask in the recorder's way; nothing if there are none."""
+        number = self._mask.number
+        if not number:
+            return
         self.env_ids = self._order[:number]
         self._padded = self._size_for(number)
         if self._padded and self._recorder.context.carried is not None:
@@ -318,8 +336,8 @@ class ResetPart:
         return f"eager: torch hook; {why_eager(self.hook)}"
 
     def launch(self) -> Sequence[Callable[[], None]]:
-        """Not possible: see :attr:`is_capturable`."""
-        raise NotRecordable("the number of environments that are reset is not known beforehand")
+        """Launch the graph's form that :meth:`choose` has chosen, within a recording."""
+        return self.hook.launch(self._padded).parts()
 
 
 def _row_tensors(env: RecordingEnv) -> list[torch.Tensor]:

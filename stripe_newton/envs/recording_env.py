@@ -107,8 +107,7 @@ class RecordingEnv(DirectEnvBase):
             super()._torch_reset()
             return
         self.outputs.prepare()  # before the host waits for the number, as the device has work
-        if self.context.reset_mask.number:
-            self._reset_part.run(self.context.reset_mask.number)
+        self._reset_part.run()
 
     def _reset_listed(self) -> None:
         # A copy, as the hook may keep it.

@@ -37,6 +37,7 @@ from .output_block import OutputBlock
 from .rl_env_cfg import RLEnvCfg
 from .safety import Safety
 from .single_caller import SingleCaller
+from .without_gradients import without_gradients
 
 if TYPE_CHECKING:
     from stripe_newton.viewers import SceneRenderer
@@ -229,8 +230,7 @@ class SteppedScene:
         torch.manual_seed(seed)
         self._np_random, self._np_random_seed = seeding.np_random(seed)
 
-    @torch.inference_mode(False)  # tensors made in an inference mode could not be written outside of it
-    @torch.no_grad()
+    @without_gradients
     def reset(self, *, seed: int | None = None, options: ResetOptions | None = None) -> tuple[Observations, Extras]:
         """Begin new episodes.
 
@@ -270,8 +270,7 @@ class SteppedScene:
 
     _reset_stages: ClassVar[tuple[str, ...]] = ("reset", "forward kinematics", "sensors", "observations")
 
-    @torch.inference_mode(False)
-    @torch.no_grad()
+    @without_gradients
     def step(self, action: torch.Tensor) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, Extras]:
         """Advance all environments by ``step_dt``; those that end are reset within the step.
 
@@ -381,8 +380,7 @@ class SteppedScene:
         if self.cfg.nonfinite_actions == "raise":
             self._safety.raise_for_actions()
 
-    @torch.inference_mode(False)
-    @torch.no_grad()
+    @without_gradients
     def finish_step(self) -> tuple[Observations, torch.Tensor, torch.Tensor, torch.Tensor, Extras]:
         """Do the host's part after a step: update :attr:`obs_buf` and :attr:`extras`, and return copies of the results.
 
@@ -402,7 +400,7 @@ class SteppedScene:
         values = self.outputs.take()
         self.obs_buf = self._collect_observations(values)
         self.extras |= self._final_extras(values)
-        self.extras["log"] = _cloned(self.extras.get("log") or {}) | self._log(values)
+        self.extras["log"] = self.outputs.copies(self.extras.get("log") or {}, values) | self._log(values)
         return self.obs_buf, self._rewards(values), values["terminated"], values["truncated"], self.extras
 
     def why_not_capturable(self) -> str:
@@ -562,8 +560,7 @@ class SteppedScene:
         self._move_to_scene(seed)
         self.reset()
 
-    @torch.inference_mode(False)
-    @torch.no_grad()
+    @without_gradients
     def _move_to_scene(self, seed: int) -> None:
         self._check_open()
         self.scene.regenerate(checked_seed(seed))
@@ -623,8 +620,7 @@ class SteppedScene:
         self._check_open()
         return save_state(self)
 
-    @torch.inference_mode(False)
-    @torch.no_grad()
+    @without_gradients
     def set_state(self, state: EnvState) -> None:
         """Restore a state of :meth:`get_state`; steps from there on repeat those that followed it.
 

@@ -84,7 +84,7 @@ from .scene_entity import HasNames, SceneEntityCfg, resolve_entities
 from .scope import Scope
 from .single_thread import single_thread
 from .source import Code, Name, ParameterRead, block, code, indented
-from .stage import Captured, Eager, Flag, GraphPart, Item, Section, Stage, fields_used, may_use, only
+from .stage import Captured, ChoicePart, Eager, Flag, GraphPart, Item, Section, Stage, fields_used, may_use, only
 from .structs import NamedStructs, ParameterReferences, SharedStruct, StructRegistry, StructResolver
 from .term_arrays import TermState
 from .term_binding import ArgumentError, TermBinding, TermContext
@@ -95,6 +95,7 @@ __all__ = [
     "ArgumentError",
     "BindingContext",
     "Captured",
+    "ChoicePart",
     "Code",
     "Eager",
     "EpisodeLog",

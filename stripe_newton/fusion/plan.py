@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import pairwise
 
 import warp as wp
 
@@ -13,7 +14,7 @@ from stripe_newton.sim.capture import capture_graph
 
 from .fused_kernel import FusedKernel, fuse
 from .scope import Scope
-from .stage import Captured, Eager, Section, Stage
+from .stage import Captured, ChoicePart, Eager, Section, Stage
 
 __all__ = ["GraphCaptureError", "Plan"]
 
@@ -56,6 +57,19 @@ class _Block:
     replay: Callable[[], None] | None = None
     after: list[Callable[[], None]] = field(default_factory=list)
     """What the host does after each replay."""
+    chooser: ChoicePart | None = None
+    """The host function that it is, if that chooses among forms and a graph follows it."""
+    following: list[_Segment] = field(default_factory=list)
+    """What that graph holds: each form is recorded together with it."""
+    forms: dict[Hashable, tuple[object, _Block]] = field(default_factory=dict)
+    """Graphs of such a function and what follows, by form, each with the object that stands for it."""
+
+    def launch(self) -> None:
+        """Launch its graph, and do the host's part after it."""
+        assert self.replay is not None
+        self.replay()
+        for function in self.after:
+            function()
 
     @property
     def is_graph(self) -> bool:
@@ -131,12 +145,17 @@ class Plan:
             GraphCaptureError: if a captured item does something that cannot be recorded in a graph.
         """
         with wp.ScopedDevice(self._device):
+            is_done = False
             for block in self._recorded if replay and self._recorded else self._blocks():
                 if block.replay is not None:
-                    block.replay()
-                    for function in block.after:
-                        function()
+                    if not is_done:
+                        block.launch()
+                    is_done = False
                     continue
+                if block.chooser is not None:
+                    is_done = self._launch_form(block, block.chooser)
+                    if is_done:
+                        continue
                 for segment in block.segments:
                     if segment.eager is not None:
                         segment.eager.function()
@@ -150,6 +169,10 @@ class Plan:
                 for block in self._recorded:
                     if block.is_graph:
                         self._record(block)
+                for block, following in pairwise(self._recorded):
+                    eager = block.segments[0].eager
+                    if eager is not None and isinstance(eager.part, ChoicePart) and following.is_graph:
+                        block.chooser, block.following = eager.part, following.segments
 
     def run_without_graph(self, stages: Sequence[str]) -> None:
         """Run some stages kernel by kernel, for a call of ``reset()``.
@@ -183,6 +206,24 @@ class Plan:
         """Record the graphs again in the next run. Call this after replacing an array that a captured item reads."""
         self._recorded = []
 
+    def _launch_form(self, block: _Block, chooser: ChoicePart) -> bool:
+        """Launch one graph of a host function that chooses among forms, and of what follows it.
+
+        Returns:
+            False if the function must run instead.
+        """
+        chosen = chooser.choose()
+        if chosen is None:
+            return False
+        form, stands_for = chosen
+        valid, graph = block.forms.get(form, (None, block))
+        if valid is not stands_for:
+            graph = _Block([*block.segments, *block.following])
+            self._record(graph, mixed=True)
+            block.forms[form] = stands_for, graph
+        graph.launch()
+        return True
+
     def _launch_segments(self, segments: Sequence[_Segment]) -> list[Callable[[], None]]:
         after: list[Callable[[], None]] = []
         for segment in segments:
@@ -209,12 +250,14 @@ class Plan:
             self._side_streams.append(wp.Stream(self._device))
         return self._side_streams[index]
 
-    def _record(self, block: _Block) -> None:
+    def _record(self, block: _Block, mixed: bool = False) -> None:
+        """Record the graph of a block; ``mixed`` if torch launches, too, although a first segment may not say so."""
+
         def launch() -> None:
             block.after = self._launch_segments(block.segments)
 
         try:
-            if block.is_mixed:
+            if mixed or block.is_mixed:
                 block.replay = self.record_mixed(launch)
             else:
                 block.replay = partial(wp.capture_launch, capture_graph(self._device, launch))

@@ -4,16 +4,28 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import warp as wp
 
 from .source import Code
 from .usage import usage_of
 
-__all__ = ["Captured", "Eager", "Flag", "GraphPart", "Item", "Section", "Stage", "fields_used", "may_use", "only"]
+__all__ = [
+    "Captured",
+    "ChoicePart",
+    "Eager",
+    "Flag",
+    "GraphPart",
+    "Item",
+    "Section",
+    "Stage",
+    "fields_used",
+    "may_use",
+    "only",
+]
 
 
 @dataclass(frozen=True, order=True)
@@ -95,6 +107,24 @@ class GraphPart(Protocol):
 
     def launch(self) -> Sequence[Callable[[], None]]:
         """Launch it within a recording, which runs nothing; returns what the host does after each replay."""
+        ...
+
+
+@runtime_checkable
+class ChoicePart(GraphPart, Protocol):
+    """Host function with launches that differ from step to step, of which each form may be recorded.
+
+    A graph that begins with one form also holds what follows, so that the host launches one graph rather than two
+    once it knows the form.
+    """
+
+    def choose(self) -> tuple[Hashable, object] | None:
+        """Choose the form of this step, right before it runs. The host may wait for the device.
+
+        Returns:
+            Name of the form that :meth:`launch` launches now, and an object that stands for its recordings: they hold
+            as long as it is the same one. None if the function must run.
+        """
         ...
 
 

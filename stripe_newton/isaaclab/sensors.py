@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import torch
 
 from stripe_newton import sensors as native
-from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.configclass import MISSING, ConfigError, configclass
 from stripe_newton.viewers import save_images
 
 from .camera_data import ColorizedCameraData
@@ -66,6 +66,21 @@ class _WxyzSensor(native.SensorBase):
 
 class Camera(_WxyzSensor, native.Camera):
     """:class:`stripe_newton.sensors.Camera` with quaternions (w, x, y, z); segmentations are colours if asked for."""
+
+    def __init__(self, cfg: CameraCfg):
+        super().__init__(cfg)
+        if self.cfg.spawn is None:
+            self.cfg.spawn = self._lens_there()
+
+    def _lens_there(self) -> native.PinholeCameraCfg:
+        """Lens of another camera at the same prim."""
+        for other in getattr(self._scene, "sensors", {}).values():
+            there = isinstance(other, native.Camera) and other.cfg.prim_path == self.cfg.prim_path
+            if there and other.cfg.spawn is not None:  # this camera may be in the scene already
+                return other.cfg.spawn
+        path = self.cfg.prim_path
+        problem = f"is None, but no camera before it is at '{path}', and cameras of files are not read"
+        raise ConfigError([f"{type(self).__name__} '{path}'.spawn: {problem}; give a PinholeCameraCfg"])
 
     @property
     def data(self) -> Any:
@@ -199,6 +214,8 @@ class CameraCfg(native.CameraCfg):
 
     class_type: Callable[..., native.SensorBase] | None = Camera
     offset: OffsetCfg = OffsetCfg()
+    spawn: native.PinholeCameraCfg | None = PinholeCameraCfg()  # type: ignore[assignment]
+    """Lens and film; None for those of another camera at the same prim."""
     update_latest_camera_pose: bool = False
     semantic_filter: str | Sequence[str] = "*:*"
     colorize_semantic_segmentation: bool = True

@@ -30,7 +30,7 @@ from .runs.divergence import check_networks, is_of_environment
 from .runs.interrupt import on_first_signal
 from .runs.run_folder import RunFolder
 from .runs.run_logger import RunLogger, StopTraining
-from .runs.training_state import gather_state, restore_state
+from .runs.training_state import gather_state, restore_progress, restore_state
 from .torch_vector_env import rl_env_of
 from .wrappers.rsl_rl import RslRlVecEnvWrapper
 
@@ -312,13 +312,15 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         """
         return self._load(path, load_cfg, strict, map_location).get("infos")
 
-    def resume(self, path: str | os.PathLike, episodes: bool = True) -> None:
+    def resume(self, path: str | os.PathLike, episodes: bool = True, networks_alone: bool = False) -> None:
         """Load a checkpoint so that :meth:`learn` continues exactly from where it was written.
 
         Args:
             path: A checkpoint of this class. If it was written by another number of ranks, episodes start anew, and a
                 message says so.
             episodes: Whether the environments go on in the middle of their episodes. If not, only their clock goes on.
+            networks_alone: Whether a checkpoint without the state of a training, as rsl_rl writes it, is taken too:
+                its networks, optimiser and iteration. Episodes start anew, curricula are those of its iteration.
 
         Raises:
             CheckpointError: as :meth:`load`, and if the file lacks the state of the training, or if it is of another
@@ -326,9 +328,15 @@ class OnPolicyRunner(_RslRlOnPolicyRunner):
         """
         data = self._load(path, None, True, None)
         state = data.get("stripe_newton")
-        if state is None:
-            raise CheckpointError(f"{path}: contains networks but no training state; it can be played, not resumed")
-        restore_state(self, state, path, episodes)
+        if state is not None:
+            restore_state(self, state, path, episodes)
+        elif networks_alone:
+            restore_progress(self, self.iterations_done * self.agent_cfg.num_steps_per_env)
+        else:
+            raise CheckpointError(
+                f"{path}: contains networks but no training state; it can be played, not resumed as it was "
+                "(--allow-changes True continues from its networks)"
+            )
 
     @torch.inference_mode()
     def _regenerate(self, iteration: int) -> None:

@@ -14,7 +14,11 @@ from .graphs.rollout import why_no_rollout_graph
 from .torch_vector_env import rl_env_of
 from .wrappers.rsl_rl import RslRlVecEnvWrapper
 
-__all__ = ["env_mismatches", "rsl_rl_settings", "why_no_graphs"]
+__all__ = ["env_mismatches", "foreign_classes", "rsl_rl_settings", "why_no_graphs"]
+
+
+_OWN_PACKAGES = ("rsl_rl", "stripe_newton", "stripe_tasks")
+"""Packages whose classes are made as they must be."""
 
 
 def rsl_rl_settings(cfg: RslRlBaseRunnerCfg) -> dict[str, object]:
@@ -70,6 +74,19 @@ def _unknown_classes(settings: Mapping[str, object], path: str) -> Iterator[str]
                 known = False
             if not known:
                 yield f"{path}{key}: '{value}' is not found; give a class of rsl_rl, or 'module:Name' of your own"
+
+
+def foreign_classes(settings: Mapping[str, object]) -> list[str]:
+    """Names of the classes in a runner's settings that are neither of rsl_rl nor of this project."""
+    found: list[str] = []
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            found += foreign_classes(value)
+        elif key == "class_name" and isinstance(value, str):
+            package = value.partition(":")[0].partition(".")[0]
+            if not value.isidentifier() and package not in _OWN_PACKAGES:
+                found.append(value)
+    return list(dict.fromkeys(found))
 
 
 def _too_few_samples(cfg: RslRlOnPolicyRunnerCfg, env: RslRlVecEnvWrapper) -> Iterator[str]:

@@ -18,12 +18,12 @@ from stripe_kernels.sensors.camera_shading import CameraLight
 from stripe_kernels.sensors.camera_shapes import Lens
 from stripe_newton.configclass import MISSING, ConfigError, configclass
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
-from stripe_newton.value_types import NonNegativeInt, PositiveInt, UnitFloat
+from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt, PositiveInt, UnitFloat
 
 from .camera_colors import CameraColors
 from .camera_data import FROM_WORLD, CameraData
 from .camera_labels import shape_labels
-from .camera_renderer import CameraImages, CameraRenderer, why_not_rendered
+from .camera_renderer import CameraImages, CameraRenderer, visible_shapes, why_not_rendered
 from .clock import SensorClock
 from .depth_noise import DepthNoiseCfg
 from .image_corruption import ImageCorruption
@@ -31,6 +31,7 @@ from .newton_renderer import NewtonRenderer, has_textures
 from .pinhole import PinholeIntrinsics
 from .prim_paths import Frame
 from .prim_paths import OffsetCfg as FrameOffsetCfg
+from .ray_caster_targets import choose_visible, path_problems
 from .sensor_base import SensorBase, SensorBaseCfg
 from .sensor_mount import find_mount
 from .warp_struct import struct_fields
@@ -120,12 +121,19 @@ class CameraCfg(SensorBaseCfg):
     """Pixels in a column."""
     data_types: Sequence[str] = ("rgb",)
     """Images that are rendered, of :data:`DATA_TYPES`."""
+    mesh_prim_paths: Sequence[str] = ()
+    """Prims that are seen, with all below them, such as ``/World/ground`` or ``{ENV_REGEX_NS}/Box_.*``; expressions are
+    allowed. The camera looks through everything else. Empty for all that is visible."""
     depth_clipping_behavior: str = "none"
     """Depth of what is not seen: ``"none"`` infinity, ``"max"`` the far bound, ``"zero"`` 0."""
     background_color: tuple[UnitFloat, UnitFloat, UnitFloat] | None = None
     """Colour where there is nothing, sRGB, each from 0 to 1. None: the sky that ``env.render()`` shows."""
     shadows: bool = False
     """Whether the sun casts shadows: a second ray a pixel."""
+    mesh_detail: NonNegativeFloat = 0.5
+    """Largest distance by which the surface of a mesh may be moved in the picture to draw fewer triangles [px]. The
+    package's own renderer draws meshes of 1000 triangles and more coarser the farther they are away, and visual meshes
+    of one body as one. 0: each as it is."""
     renderer: str = "auto"
     """``"auto"``: the package's own renderer where it draws what there is, and Newton's camera sensor for textures,
     particles and the like. ``"newton"``: Newton's sensor."""
@@ -146,6 +154,7 @@ class CameraCfg(SensorBaseCfg):
             yield "depth_clipping_behavior", f"is {self.depth_clipping_behavior!r}, must be 'none', 'max' or 'zero'"
         if self.renderer not in ("auto", "newton"):
             yield "renderer", f"is {self.renderer!r}, must be 'auto' or 'newton'"
+        yield from path_problems(self.mesh_prim_paths)
         if self.history_length:
             yield "history_length", "is not kept by cameras"
         if self.delay_range[0] > self.delay_range[1]:
@@ -165,7 +174,8 @@ class TiledCameraCfg(CameraCfg):
 class Camera(SensorBase):
     """A camera in every environment; it takes its image after the reset of a step, before the observations.
 
-    It sees every visible shape of its environment and of what all share, colliders or not.
+    It sees every visible shape of its environment and of what all share, colliders or not, unless the config names some
+    by ``mesh_prim_paths``.
 
     Attributes:
         clock: Says when it takes an image.
@@ -265,7 +275,15 @@ class Camera(SensorBase):
             colors = CameraColors(sim, self._color, fy, has_textures(model), cfg.shadows, cfg.background_color)
         self.colors, light = colors, self._make_light(colors)
         depths = cfg.spawn.clipping_range
-        reason = "renderer is 'newton'" if cfg.renderer == "newton" else why_not_rendered(model)
+        seen = np.zeros(model.shape_count, dtype=bool)
+        seen[visible_shapes(model)] = True
+        if cfg.mesh_prim_paths:
+            seen = choose_visible(model, cfg.mesh_prim_paths, seen, self._where)
+        why = why_not_rendered(model, np.flatnonzero(seen), colors is not None)
+        reason = "renderer is 'newton'" if cfg.renderer == "newton" else why
+        if reason and cfg.mesh_prim_paths:
+            problem = f"cannot choose what is seen, as pictures are those of Newton's sensor: {reason}"
+            raise ConfigError([f"{self._where}.mesh_prim_paths: {problem}; leave it empty"])
         if reason:
             text = f"one light for all environments, as Newton's sensor renders: {reason}"
             self.unavailable |= dict.fromkeys(_LIGHT, text) if colors is not None else {}
@@ -274,7 +292,20 @@ class Camera(SensorBase):
         lens.fx, lens.fy, lens.cx, lens.cy, lens.near, lens.far = fx, fy, cx, cy, *map(float, depths)
         look, background = (Look(), 0) if colors is None else (colors.look, colors.background)
         terrain = self._scene.terrain.struct if self._scene.terrain is not None else None
-        return CameraRenderer(model, sim.state, lens, images, look, light, missing, background, cfg.shadows, terrain)
+        return CameraRenderer(
+            model,
+            sim.state,
+            lens,
+            images,
+            look,
+            light,
+            missing,
+            background,
+            cfg.shadows,
+            terrain,
+            cfg.mesh_detail,
+            seen,
+        )
 
     def _make_light(self, colors: CameraColors | None) -> CameraLight:
         """Light of each environment, that of the scene to begin with; empty without colours."""

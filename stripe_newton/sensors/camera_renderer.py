@@ -17,20 +17,19 @@ import warp as wp
 from stripe_kernels.picture import Look
 from stripe_kernels.sensors import camera_shading as shading
 from stripe_kernels.sensors import camera_shapes as shapes
-from stripe_kernels.sensors.camera_hits import MeshNormals
 from stripe_kernels.sensors.ray_blocks import BLOCK, bound_blocks
 from stripe_kernels.sensors.ray_field import RayField
 from stripe_kernels.sensors.ray_shapes import RayTargets
 from stripe_kernels.terrain import TerrainData
 
-from .ray_caster_targets import field_of
+from .camera_slots import MESH_KINDS, CameraSlots
+from .ray_caster_targets import ShapeTree, field_of
 
-__all__ = ["CameraImages", "CameraRenderer", "why_not_rendered"]
+__all__ = ["CameraImages", "CameraRenderer", "visible_shapes", "why_not_rendered"]
 
 MOST_LISTED_STATICS = 24
 """Largest number of shapes that all environments share and that each picture lists; more are met through a tree."""
-_MESH_KINDS = [int(kind) for kind in (newton.GeoType.MESH, newton.GeoType.CONVEX_MESH, newton.GeoType.HFIELD)]
-_KINDS = [*_MESH_KINDS, *(int(newton.GeoType[name]) for name in
+_KINDS = [*MESH_KINDS, *(int(newton.GeoType[name]) for name in
           ("PLANE", "SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX", "CONE"))]  # fmt: skip
 
 
@@ -60,12 +59,18 @@ def visible_shapes(model: newton.Model) -> np.ndarray:
     return np.sort(model.bvh_shape_enabled.numpy()[: model.bvh_shape_count_enabled].astype(np.int64))
 
 
-def why_not_rendered(model: newton.Model) -> str:
-    """Reason why pictures of a model are Newton's sensor's; empty if :class:`CameraRenderer` makes them."""
-    seen = visible_shapes(model)
+def why_not_rendered(model: newton.Model, seen: np.ndarray, colors: bool = True) -> str:
+    """Reason why pictures of a model are Newton's sensor's; empty if :class:`CameraRenderer` makes them.
+
+    Args:
+        model: The model.
+        seen: Indices of the shapes that are seen.
+        colors: Whether colours are among the images.
+    """
     if model.particle_count:
         return "there are particles"
-    if any(isinstance(s, newton.Mesh) and s.texture is not None for s in model.shape_source):
+    sources = [model.shape_source[shape] for shape in seen] if colors else []
+    if any(isinstance(s, newton.Mesh) and s.texture is not None for s in sources):
         return "a mesh has a texture"
     if getattr(model, "_has_variant_rows", False):
         return "shapes differ between environments"
@@ -91,6 +96,8 @@ class CameraRenderer:
         background: int = 0,
         shadows: bool = False,
         terrain: TerrainData | None = None,
+        detail: float = 0.0,
+        chosen: np.ndarray | None = None,
     ):
         """Sort the shapes of a model and make the kernel.
 
@@ -105,17 +112,23 @@ class CameraRenderer:
             background: Colour where there is nothing, packed ABGR; 0 for the sky.
             shadows: Whether the sun casts shadows.
             terrain: Terrain of the scene, whose memory is used if it is the height field; None without one.
+            detail: Largest distance by which the surface of a mesh may move in the picture [px]; 0 to keep meshes.
+            chosen: Shapes that are seen, all of them visible, bool, shape ``(shape_count,)``; None for all.
         """
+        self._detail = detail
         self._model, self._state, self._lens, self._look, self._light = model, state, lens, look, light
         with wp.ScopedDevice(model.device):
-            self._sort(model, terrain)
-            self._mesh_normals(model)
+            self._sort(model, terrain, chosen)
+            self._smooth = self._tree_normals(model)
+            self._meshes = self._slots.table.array()
             self._no_casters = wp.zeros(1, dtype=float)
         self._output(images, missing, background, shadows)
 
-    def _sort(self, model: newton.Model, terrain: TerrainData | None) -> None:
+    def _sort(self, model: newton.Model, terrain: TerrainData | None, chosen: np.ndarray | None) -> None:
         """Sort shapes: those of each environment, a height field, and others that all share."""
         seen, worlds, kinds = visible_shapes(model), model.shape_world.numpy(), model.shape_type.numpy()
+        everything = len(seen)
+        seen = seen if chosen is None else seen[chosen[seen]]
         visible = np.zeros(model.shape_count, dtype=bool)
         visible[seen] = True
         found = field_of(model, visible & (kinds == int(newton.GeoType.HFIELD)), terrain)
@@ -130,29 +143,30 @@ class CameraRenderer:
         listed = shared[:0] if self._tree else shared
         met = kinds[seen[seen != self._field_shape]]
         # Meshes of all kinds are one kind to a ray.
-        self._kinds = frozenset(int(newton.GeoType.MESH) if k in _MESH_KINDS else int(k) for k in np.unique(met))
-        own = [seen[worlds[seen] == env] for env in range(model.world_count)]
-        self._seen = _seen_shapes(model, [np.concatenate([mine, listed]) for mine in own])
-        self._statics = _tree(model, self._tree)
+        self._kinds = frozenset(int(newton.GeoType.MESH) if k in MESH_KINDS else int(k) for k in np.unique(met))
+        self._in_tree = shared if self._tree else shared[:0]
+        self._slots = CameraSlots(model, seen[worlds[seen] >= 0], listed, self._detail)
+        self._seen = self._slots.seen
+        self._tree_owner = model  # of the memory that the tree is read from
+        if self._tree and len(seen) < everything:  # Newton's tree has all that is visible
+            mine = np.zeros(model.shape_count, dtype=bool)
+            mine[shared] = True
+            self._tree_owner = ShapeTree(model, mine, self._state).view
+        self._statics = _tree(self._tree_owner, self._tree)
 
-    def _mesh_normals(self, model: newton.Model) -> None:
-        """Normals of vertices by mesh, where the meshes that are seen have them."""
-        entries: dict[int, int] = {}
-        arrays: list[MeshNormals] = []
-        smooth = np.full(model.shape_count, -1, dtype=np.int32)
+    def _tree_normals(self, model: newton.Model) -> wp.array:
+        """Rows of the table of meshes that have the normals of shapes in the tree; -1 for other shapes."""
+        rows, known = np.full(model.shape_count, -1, dtype=np.int32), {}
         kinds = model.shape_type.numpy()
-        for shape, source in enumerate(model.shape_source):
+        for shape in self._in_tree:
+            source = model.shape_source[shape]
             # A hull has vertices of its own, to which the normals of its mesh do not belong.
-            if not isinstance(source, newton.Mesh) or source.normals is None or kinds[shape] in _MESH_KINDS[1:]:
+            if not isinstance(source, newton.Mesh) or source.normals is None or kinds[shape] != MESH_KINDS[0]:
                 continue
-            if id(source) not in entries:
-                entries[id(source)] = len(arrays)
-                made = MeshNormals()
-                made.normals = wp.array(np.asarray(source.normals, dtype=np.float32), dtype=wp.vec3)
-                arrays.append(made)
-            smooth[shape] = entries[id(source)]
-        self._smooth, self._meshes = wp.array(smooth, dtype=int), wp.array(arrays, dtype=MeshNormals)
-        self._kept = arrays  # which own the memory that the array of structs points to
+            if id(source) not in known:
+                known[id(source)] = self._slots.table.as_is(0, source)
+            rows[shape] = known[id(source)]
+        return wp.array(rows, dtype=int)
 
     def _output(self, images: CameraImages, missing: float, background: int, shadows: bool) -> None:
         """Choose what is written, and the kernel for it."""
@@ -192,7 +206,7 @@ class CameraRenderer:
         """Find the shapes that are in each picture; arguments as of :meth:`launch`."""
         model, seen = self._model, self._seen
         inputs = [due, camera, self._lens, model.shape_transform, model.shape_body, self._state.body_q]
-        inputs += [model.shape_scale, model.shape_color]
+        inputs += [model.shape_scale, model.shape_color, self._meshes, self._detail]
         device = model.device
         wp.launch(shapes.place_shapes, dim=seen.env.shape[0], inputs=inputs, outputs=[seen], device=device)
         inputs = [due, self._width, self._height]
@@ -211,34 +225,21 @@ class CameraRenderer:
             block_dim=shading.BLOCK_THREADS,
         )  # fmt: skip
 
+    def triangles(self) -> np.ndarray:
+        """Triangles of the meshes that the last pictures' lists have, shape ``(num_envs,)``; waits for the device."""
+        seen = self._seen
+        first, count, listed, level = (a.numpy() for a in (seen.first, seen.count, seen.listed, seen.level))
+        faces = np.array([*self._slots.table.faces, 0])
+        return np.array([faces[level[listed[a : a + n]]].sum() for a, n in zip(first, count, strict=False)])
+
     def describe(self) -> str:
         """What it looks at, in a few words."""
         slots = self._seen.env.shape[0]
-        parts = [f"{slots / max(self._num_envs, 1):g} shapes in a list"]
+        parts = [f"{slots / max(self._num_envs, 1) + self._slots.merged:g} shapes in a list"]
+        parts += [f"{self._slots.merged} of them part of others"] if self._slots.merged else []
         parts += ["a height field by blocks"] if self.features.field else []
         parts += ["a tree of static shapes"] if self.features.tree else []
         return ", ".join(parts)
-
-
-def _seen_shapes(model: newton.Model, rows: list[np.ndarray]) -> shapes.SeenShapes:
-    """Slots for the shapes of each environment; ``rows`` are their indices."""
-    seen, kinds = shapes.SeenShapes(), model.shape_type.numpy()
-    index = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
-    count = len(index)
-    seen.first = wp.array(np.cumsum([0, *map(len, rows)]).astype(np.int32), dtype=int)
-    seen.env = wp.array(np.repeat(np.arange(len(rows)), list(map(len, rows))).astype(np.int32), dtype=int)
-    seen.shape = wp.array(index.astype(np.int32), dtype=int)
-    seen.kind = wp.array(kinds[index].astype(np.int32), dtype=int)
-    is_mesh = np.isin(kinds[index], _MESH_KINDS)
-    source = model.shape_source_ptr.numpy()[index]
-    seen.mesh = wp.array(np.where(is_mesh, source, 0).astype(np.uint64), dtype=wp.uint64)
-    bounds = model.bvh_shape_bounds.numpy() if count else np.zeros((0, 2, 3), dtype=np.float32)
-    seen.box = wp.array(np.where(is_mesh[:, None, None], bounds[index], 0.0), dtype=wp.vec3, shape=(count, 2))
-    kinds_of = {"turn": wp.mat33, "start": wp.vec3, "size": wp.vec3, "albedo": wp.vec3, "nearest": float}
-    for name, dtype in {**kinds_of, "pixels": wp.vec4i, "sphere": wp.vec4, "listed": int}.items():
-        setattr(seen, name, wp.zeros(count, dtype=dtype))
-    seen.count = wp.zeros(len(rows), dtype=int)
-    return seen
 
 
 def _tree(model: newton.Model, used: bool) -> RayTargets:
@@ -251,6 +252,6 @@ def _tree(model: newton.Model, used: bool) -> RayTargets:
         return made
     made.tree, made.roots, made.leaves = model.bvh_shapes.id, model.bvh_shapes_group_roots, model.bvh_shape_enabled
     made.pose, made.kind, made.scale = model.bvh_shape_world_transforms, model.shape_type, model.shape_scale
-    is_mesh = np.isin(model.shape_type.numpy(), _MESH_KINDS)
+    is_mesh = np.isin(model.shape_type.numpy(), MESH_KINDS)
     made.source = wp.array(np.where(is_mesh, model.shape_source_ptr.numpy(), 0).astype(np.uint64), dtype=wp.uint64)
     return made

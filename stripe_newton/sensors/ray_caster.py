@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import re
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated
@@ -27,7 +26,7 @@ from .clock import SensorClock
 from .corruption import Corruption
 from .patterns import PatternBaseCfg
 from .prim_paths import OffsetCfg as FrameOffsetCfg
-from .ray_caster_targets import ShapeTree, choose_shapes, field_of
+from .ray_caster_targets import ShapeTree, choose_shapes, field_of, path_problems
 from .sensor_base import SensorBase, SensorBaseCfg
 from .sensor_data import SensorData
 from .sensor_mount import carrying_asset, find_mount
@@ -91,22 +90,12 @@ class RayCasterCfg(SensorBaseCfg):
         yield from super().problems()
         if self.ray_alignment not in _ALIGNMENTS:
             yield "ray_alignment", f"is {self.ray_alignment!r}, must be 'base', 'yaw' or 'world'"
-        yield from self._path_problems()
+        yield from path_problems(self.mesh_prim_paths)
         wrong = set(self.ray_cast_drift_range) - {"x", "y", "z"}
         if wrong:
             yield "ray_cast_drift_range", f"has {', '.join(sorted(wrong))}, its keys are x, y and z"
         if self.history_length:
             yield "history_length", "is not kept by ray casters; set it on the observation term"
-
-    def _path_problems(self) -> Iterator[tuple[str, str]]:
-        if isinstance(self.mesh_prim_paths, str):
-            yield "mesh_prim_paths", f"is {self.mesh_prim_paths!r}, must be a sequence: [{self.mesh_prim_paths!r}]"
-            return
-        for i, path in enumerate(self.mesh_prim_paths):
-            try:
-                re.compile(path)
-            except re.error as error:
-                yield f"mesh_prim_paths[{i}]", f"is {path!r}, which is no regular expression: {error}"
 
 
 class RayCasterData(SensorData):

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import newton
 import numpy as np
@@ -17,7 +17,7 @@ from stripe_kernels.terrain import TerrainData
 from stripe_newton.configclass import ConfigError
 from stripe_newton.sim.scene_context import ENV_0
 
-__all__ = ["ShapeTree", "choose_shapes", "field_of"]
+__all__ = ["ShapeTree", "choose_shapes", "choose_visible", "field_of", "path_problems"]
 
 _FAR = 1.0e6
 """Half the extent of the height field that replaces an infinite plane [m]."""
@@ -40,22 +40,9 @@ def choose_shapes(model: newton.Model, expressions: Sequence[str], own: str, whe
     Raises:
         ConfigError: if an expression matches no collider, or none is left.
     """
-    flags, bodies = model.shape_flags.numpy(), model.shape_body.numpy()
-    paths = [_path(model, i, int(bodies[i])) for i in range(model.shape_count)]
-    collides = (flags & int(newton.ShapeFlags.COLLIDE_SHAPES)) != 0
-    chosen = np.zeros(len(paths), dtype=bool) if len(expressions) else collides.copy()
-    problems = []
-    for i, text in enumerate(expressions):
-        pattern = text.replace("{ENV_REGEX_NS}", ENV_0).replace("/World/envs/env_.*", ENV_0)
-        hits = _matching(paths, pattern.rstrip("/")) & collides
-        chosen |= hits
-        if not hits.any():
-            there = sorted({_short(p) for p, c in zip(paths, collides, strict=True) if c})
-            problems.append(
-                f"{where}.mesh_prim_paths[{i}]: no collider at or below '{text}'; there is {', '.join(there) or 'none'}"
-            )
-    if problems:
-        raise ConfigError(problems)
+    collides = (model.shape_flags.numpy() & int(newton.ShapeFlags.COLLIDE_SHAPES)) != 0
+    paths = _paths(model)
+    chosen = _named_shapes(model, expressions, collides, "collider", where) if len(expressions) else collides.copy()
     # After the paths were checked: a path that names the robot's own parts is no mistake, they are passed through.
     if own:
         chosen &= ~_matching(paths, re.escape(own))
@@ -63,6 +50,79 @@ def choose_shapes(model: newton.Model, expressions: Sequence[str], own: str, whe
         why = f"all of them belong to '{own}', which carries it" if own and collides.any() else "there is none"
         raise ConfigError([f"{where}: no collider for its rays to hit, {why}; name some by mesh_prim_paths"])
     return chosen
+
+
+def choose_visible(model: newton.Model, expressions: Sequence[str], visible: np.ndarray, where: str) -> np.ndarray:
+    """Choose the shapes that a camera sees.
+
+    Args:
+        model: The model.
+        expressions: Prim paths, at least one.
+        visible: Visible shapes, bool, shape ``(shape_count,)``.
+        where: The sensor, for errors.
+
+    Returns:
+        bool, shape ``(shape_count,)``.
+
+    Raises:
+        ConfigError: if an expression matches no visible shape.
+    """
+    return _named_shapes(model, expressions, visible, "visible shape", where)
+
+
+def _named_shapes(
+    model: newton.Model, expressions: Sequence[str], among: np.ndarray, kind: str, where: str
+) -> np.ndarray:
+    """Shapes at or below some prims.
+
+    Args:
+        model: The model.
+        expressions: Prim paths. A body may be named right below its asset, wherever its file has it.
+        among: Shapes that count, bool, shape ``(shape_count,)``.
+        kind: What these are, for errors.
+        where: The sensor, for errors.
+
+    Raises:
+        ConfigError: if an expression matches none.
+    """
+    paths, short = _paths(model), _paths_of_bodies(model)
+    chosen, problems = np.zeros(len(paths), dtype=bool), list[str]()
+    for i, text in enumerate(expressions):
+        pattern = text.replace("{ENV_REGEX_NS}", ENV_0).replace("/World/envs/env_.*", ENV_0)
+        hits = (_matching(paths, pattern.rstrip("/")) | _matching(short, pattern.rstrip("/"))) & among
+        chosen |= hits
+        if not hits.any():
+            there = sorted({_short(p) for p, c in zip(paths, among, strict=True) if c})
+            names = ", ".join(there) or "none"
+            problems.append(f"{where}.mesh_prim_paths[{i}]: no {kind} at or below '{text}'; there is {names}")
+    if problems:
+        raise ConfigError(problems)
+    return chosen
+
+
+def path_problems(paths: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Problems of the field ``mesh_prim_paths``, as a config reports them."""
+    if isinstance(paths, str):
+        yield "mesh_prim_paths", f"is {paths!r}, must be a sequence: [{paths!r}]"
+        return
+    for i, path in enumerate(paths):
+        try:
+            re.compile(path)
+        except re.error as error:
+            yield f"mesh_prim_paths[{i}]", f"is {path!r}, which is no regular expression: {error}"
+
+
+def _paths(model: newton.Model) -> list[str]:
+    bodies = model.shape_body.numpy()
+    return [_path(model, i, int(bodies[i])) for i in range(model.shape_count)]
+
+
+def _paths_of_bodies(model: newton.Model) -> list[str]:
+    """Path of each shape's body right below its asset, as in files whose bodies do not lie in each other; empty for
+    shapes without a body."""
+    bodies = [str(label) for label in model.body_label]
+    flat = [f"{_short(label).replace('{ENV_REGEX_NS}', ENV_0)}/{label.rpartition('/')[2]}" for label in bodies]
+    return [flat[body] if body >= 0 else "" for body in model.shape_body.numpy()]
 
 
 def _path(model: newton.Model, shape: int, body: int) -> str:

@@ -20,10 +20,12 @@ _MOST_DOFS = 10, 8
 """Degrees of freedom of the hub, whose system all lanes solve, and of a limb."""
 _MOST_PAIRS = 64
 """Pairs of geoms of a limb, which its lane looks at one after another."""
+_MOST_STILLS = 8
+"""Pairs of a limb with primitives that do not move, up to which its lane is fast enough."""
 _MOST_GROUNDS = 2
 """Height fields and meshes whose poses are kept in the state of a world."""
-_MOST_SEARCHES = 48
-"""Searches for contacts that the lanes of a warp do at a time, as in limb_search.h."""
+_MOST_SEARCHES, _MOST_LISTED = 48, 128
+"""Searches for contacts that the lanes of a warp do at a time, and touches that they list, as in limb_search.h."""
 _MOST_COLUMNS = 10
 """Degrees of freedom of hub and limb for which a lane of a GPU has registers."""
 _HITS = {
@@ -57,6 +59,10 @@ class LimbForm:
     """Height fields and meshes that they may touch, if these are few."""
     other_grounds: bool
     """Whether they may touch other things: shapes that do not move, height fields."""
+    stills: int
+    """Most pairs of a limb with primitives that do not move, but for planes."""
+    fields: bool
+    """Whether geoms may touch height fields."""
 
     @classmethod
     def of(cls, model: mujoco.MjModel, pairs: Sequence[ContactPair], losses: bool = False) -> LimbForm | None:
@@ -74,8 +80,11 @@ class LimbForm:
         most = max(sum(_HITS[pairs[p].kind] for p in share) for share in shares)
         planes = tuple(sorted({pair.geom1 for pair in pairs if _is_plane(pair)}))
         grounds = tuple(sorted({pair.geom1 for pair in pairs if is_searched(pair)}))
+        stills = max(sum(not _is_plane(pairs[p]) and not is_searched(pairs[p]) for p in share) for share in shares)
+        fields = any(pair.kind.startswith("FIELD") for pair in pairs)
         return cls(model, tuple(hub), tuple(map(tuple, limbs)), tuple(map(tuple, shares)), most, losses, planes,
-                   grounds if len(grounds) <= _MOST_GROUNDS else (), not all(map(_is_plane, pairs)))  # fmt: skip
+                   grounds if len(grounds) <= _MOST_GROUNDS else (), not all(map(_is_plane, pairs)), stills,
+                   fields)  # fmt: skip
 
     @property
     def slots(self) -> int:
@@ -96,11 +105,11 @@ class LimbForm:
     def suits_gpu(self) -> bool:
         """Whether it is faster on a GPU than the general form.
 
-        A lane has the registers for few degrees of freedom, and its search for contacts on other grounds than planes
-        takes longer than that of all lanes together.
+        A lane has the registers for few degrees of freedom, and looks alone at the pairs of its limb with shapes that
+        do not move. On height fields the general form is as fast.
         """
         few = len(self.hub_dofs) + self.limb_dofs <= _MOST_COLUMNS
-        return few and len(self.limbs) > 1 and not self.other_grounds
+        return few and len(self.limbs) > 1 and self.stills <= _MOST_STILLS and not self.fields
 
     @property
     def world_size(self) -> int:
@@ -123,7 +132,7 @@ class LimbForm:
         if not any(map(is_searched, pairs)):
             return 0
         touch = 8 if any(pair.kind.startswith("MESH") for pair in pairs) else 7
-        return -(-(_MOST_SEARCHES * (21 + 4 * touch + 5) + 64 + 32) // 4) * 4
+        return -(-(_MOST_SEARCHES * (21 + 4 * touch + 5) + 64 + 32 + _MOST_LISTED + 64 + 1) // 4) * 4
 
     def sizes(self, max_contacts: int) -> dict[str, int]:
         """Sizes that the source relies on.

@@ -300,7 +300,9 @@ def _cells(low: np.ndarray, high: np.ndarray, cell: float) -> np.ndarray:
 def _overlaps(
     corners: np.ndarray, low: np.ndarray, size: np.ndarray, cell: float, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of a cell and an item that may be so near to it: by its bounding box, and of a triangle by its plane."""
+    """Pairs of a cell and an item that may be so near to it: by its bounding box, and of a triangle also by its plane
+    and its distance from the ball around the cell.
+    """
     from_, to = (
         np.clip(np.floor((bound - low) / cell).astype(int), 0, size - 1)
         for bound in (corners.min(axis=1) - 1e-4 - reach, corners.max(axis=1) + 1e-4 + reach)
@@ -321,6 +323,9 @@ def _overlaps(
         if corners.shape[1] == 3:
             near = _meets_plane(corners[item], low + (place + 0.5) * cell, cell, reach)
             item, place = item[near], place[near]
+            away = _distances(corners[item], low + (place + 0.5) * cell)
+            near = away <= reach + 0.5 * np.sqrt(3.0) * cell + 2e-4
+            item, place = item[near], place[near]
         found.append(((place[:, 2] * size[1] + place[:, 1]) * size[0] + place[:, 0], item))
         start = stop
     cells, items = (np.concatenate([pair[i] for pair in found]) for i in range(2))
@@ -332,3 +337,18 @@ def _meets_plane(triangles: np.ndarray, centers: np.ndarray, cell: float, reach:
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     distance = np.abs(np.einsum("ij,ij->i", centers - triangles[:, 0], normal))
     return distance <= 0.5 * cell * np.abs(normal).sum(axis=1) + (reach + 2e-4) * np.linalg.norm(normal, axis=1)
+
+
+def _distances(triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Distance of each triangle from a point, shape ``(triangles,)``."""
+    corners = triangles - points[:, None]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    nearest, is_inside = np.full(len(points), np.inf), np.ones(len(points), dtype=bool)
+    for k in range(3):
+        start, along = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
+        share = -np.einsum("ij,ij->i", start, along) / np.einsum("ij,ij->i", along, along)
+        offset = start + np.clip(share, 0.0, 1.0)[:, None] * along
+        nearest = np.minimum(nearest, np.einsum("ij,ij->i", offset, offset))
+        is_inside &= np.einsum("ij,ij->i", np.cross(start, along), normal) >= 0.0
+    above = np.einsum("ij,ij->i", corners[:, 0], normal) ** 2 / np.einsum("ij,ij->i", normal, normal)
+    return np.sqrt(np.where(is_inside, above, nearest))

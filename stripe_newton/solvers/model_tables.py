@@ -166,6 +166,18 @@ class ModelTables:
         """Whether the kernel finds contacts with height fields or meshes."""
         return any(is_searched(p) for p in self.pairs)
 
+    @property
+    def wrench_rows(self) -> bool:
+        """Whether constraint rows have no Jacobians, see wrench_rows.h.
+
+        Where there are more degrees of freedom than lanes, rows of Jacobians are long, and so few fit into the shared
+        memory that a robot on two feet has more.
+        """
+        model = self.model
+        is_simple = not model.neq and not self.elliptic and len(tree_roots(model)) == _ONE_TREE
+        has_balls = bool(np.any(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL))
+        return is_simple and not has_balls and _WRENCH_DOFS[0] <= model.nv <= _WRENCH_DOFS[1]
+
     def searches(self, rows: int) -> int:
         """Searches for contacts with height fields and meshes that there is room for where rows will be.
 
@@ -203,7 +215,9 @@ class ModelTables:
 
     @property
     def row_size(self) -> int:
-        """Numbers of a constraint row, as in constraints.h."""
+        """Numbers of a constraint row, as in world.h."""
+        if self.wrench_rows:
+            return _WRENCH_ROW_SIZE
         return 4 * (-(-(self.model.nv + 7) // 4) | 1)
 
     @property
@@ -222,10 +236,11 @@ class ModelTables:
         room = {
             "MAX_ROWS": self.max_rows, "MAX_CONTACTS": self.max_contacts, "SHARED_ROWS": rows,
             "SHARED_CONTACTS": contacts, "SPILL": self.spill_size(rows, contacts),
-            "MAX_HITS": 8 if any(p.kind == "BOX_BOX" for p in pairs) else 4,
+            "CONTACTS_AT": self._contacts_at(rows), "MAX_HITS": 8 if any(p.kind == "BOX_BOX" for p in pairs) else 4,
         }  # fmt: skip
         sizes = _sizes(model, pairs) | _options(model, pairs) | room | {"HAS_NEWTON": int(self.newton is not None)}
         sizes |= self.newton.sizes if self.newton is not None else {}
+        sizes["WRENCH_ROWS"] = int(self.wrench_rows)
         if self.limbs is not None:
             sizes |= self.limbs.sizes(self.max_contacts) | {"GEOMS_PLACED": 0}
         lines = [f"#define {name} {value}" for name, value in sizes.items()]
@@ -250,12 +265,24 @@ class ModelTables:
         nb, nv, nu = model.nbody, model.nv, max(model.nu, 1)
         matrices = (nv if in_registers else 2 * nv) * self.row_of_matrix(in_registers)
         kept = model.nq + 7 * nv + 3 * len(tree_roots(model)) + 6 * nv + matrices + nu + 2
-        kept += _ATTACHMENT_SIZE * len(attached_equalities(model))
-        found = self._geoms_size + 1
+        kept += _ATTACHMENT_SIZE * len(attached_equalities(model)) + _STIFFNESS_SIZE * self.wrench_rows
+        forces = 7 * nb + self._forces_size
+        if self.wrench_rows:
+            shared = max(forces, self._contacts_at(rows) + contacts * self.contact_size)
+        else:
+            shared = max(forces, self._found_size(rows), rows * self.row_size) + contacts * self.contact_size
+        return kept + shared + 30  # with the pointer, and alignments
+
+    def _found_size(self, rows: int) -> int:
+        """Numbers of four bytes of what is needed until contacts are known."""
+        found = 7 * self.model.nbody + self._geoms_size + 1
         if self.has_searches:
             found += self.searches(rows) * self._search_size + self._listed_size
-        shared = max(7 * nb + 1 + max(self._forces_size, found) + 1, rows * self.row_size)
-        return kept + shared + contacts * self.contact_size + 25  # with the pointer, and alignments
+        return found
+
+    def _contacts_at(self, rows: int) -> int:
+        """Numbers before the contacts of rows that have no Jacobians, in the memory of what is needed until then."""
+        return max(self._found_size(rows) + 6, rows * self.row_size)
 
     def row_of_matrix(self, in_registers: bool) -> int:
         """Numbers from one row of a matrix to the next.
@@ -286,6 +313,14 @@ _PATCH_SIZE = 14
 """Numbers of four bytes of a patch of a height field, as in search.h."""
 _ATTACHMENT_SIZE = 24
 """Numbers of an attachment, as in world.h."""
+_ONE_TREE = 2
+"""Trees of a model that has one beside the world."""
+_WRENCH_DOFS = 33, 40
+"""Least and most degrees of freedom of models whose rows have no Jacobians."""
+_WRENCH_ROW_SIZE = 13
+"""Numbers of a row without a Jacobian, as in world.h."""
+_STIFFNESS_SIZE = 36
+"""Numbers of the stiffness of a group of contacts, as in wrench_rows.h."""
 
 
 def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, object]:

@@ -30,8 +30,8 @@ _SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "polygons.h", "hulls.h", "hull_contacts.h", "cores.h", "curved.h",
     "search.h", "heightfield.h", "meshes.h", "search_hits.h", "contact_fields.h", "world.h", "rows.h", "poses.h",
     "impedance.h", "dynamics.h", "constraints.h", "attachments.h", "geoms.h", "ground_parts.h", "collision.h",
-    "touches.h", "ground.h", "cones.h", "hessian.h", "newton.h", "newton_state.h", "per_step.h", "launch.h",
-    "results.h", "accelerations.h", "step.h",
+    "touches.h", "ground.h", "cones.h", "hessian.h", "wrench_rows.h", "wrench_solve.h", "newton.h", "newton_state.h",
+    "per_step.h", "launch.h", "results.h", "accelerations.h", "step.h",
 )  # fmt: skip
 _LIMB_SOURCES = (
     "algebra.h", "primitives.h", "boxes.h", "search.h", "heightfield.h", "meshes.h", "search_hits.h",
@@ -140,7 +140,10 @@ class KernelOptions:
         return not self.per_step.isdisjoint(("drives", "solver_drives"))
 
     def in_registers(self, tables: ModelTables) -> bool:
-        """Whether matrices are factored in registers, with one or two rows in each lane."""
+        """Whether matrices are factored in registers, with one or two rows in each lane.
+
+        Without Jacobians a lane has one row, and a few lanes one of the short first rows, too (wrench_solve.h).
+        """
         return tables.limbs is None and self.lanes > 1 and tables.model.nv <= 2 * self.lanes and not self.double
 
 
@@ -197,18 +200,29 @@ class Layout:
         if options.lanes == 1:
             return cls(*most, tables.world_size(*most, False), 0, 1, 0, False)
         registers, constants = options.in_registers(tables), tables.constants.shared_size
-        contacts = min(_TYPICAL_CONTACTS, tables.max_contacts)
+        least = min(_TYPICAL_ROWS, tables.max_rows), min(_TYPICAL_CONTACTS, tables.max_contacts)
         for blocks, worlds in _ROOMS:
             free = min(_BLOCK_BYTES, _SM_BYTES // blocks - _OF_CUDA) - _of_warp(worlds, options.lanes) - constants
-            budget, rows = free // worlds // 4, min(tables.max_rows, _TYPICAL_ROWS)
-            if tables.world_size(rows, contacts, registers) > budget:
+            budget = free // worlds // 4
+            if tables.world_size(*least, registers) > budget:
                 continue
-            while rows < tables.max_rows and tables.world_size(rows + 1, contacts, registers) <= budget:
-                rows += 1
+            rows, contacts = _most_rows(tables, *least, budget, registers)
             size = tables.world_size(rows, contacts, registers)
             return cls(rows, contacts, size, tables.spill_size(rows, contacts), worlds, constants, True)
         size = tables.world_size(*most, registers)
         return cls(*most, size, 0, 1, 0, False)
+
+
+def _most_rows(tables: ModelTables, rows: int, contacts: int, budget: int, registers: bool) -> tuple[int, int]:
+    """The most rows and contacts of a world that fit into ``budget`` numbers, at least those that are given."""
+    # Rows without Jacobians are so small that contacts decide, too: four rows have one.
+    step = (4, 1) if tables.wrench_rows else (1, 0)
+    while rows < tables.max_rows:
+        more = min(rows + step[0], tables.max_rows), min(contacts + step[1], tables.max_contacts)
+        if tables.world_size(*more, registers) > budget:
+            break
+        rows, contacts = more
+    return rows, contacts
 
 
 def _of_warp(worlds: int, lanes: int) -> int:

@@ -10,7 +10,7 @@ import torch
 
 from stripe_newton.configclass import ConfigError
 from stripe_newton.envs import hook_parts
-from stripe_newton.envs.hook_graphs import EnvRows, HookGraphError
+from stripe_newton.envs.hook_graphs import EnvRows, HookGraphError, RecordedHook
 from stripe_newton.rl.runner import OnPolicyRunner
 from stripe_newton.rl.wrappers.rsl_rl import RslRlVecEnvWrapper
 from stripe_tasks.cartpole import CartpoleEnvCfg
@@ -230,6 +230,41 @@ def test_one_graph_resets_up_to_a_number(padding, monkeypatch):
     hook = recorder_of(env).hooks[4]
     assert (hook.why_not_padded, hook.recorded_variants) == ("", [2, 4])
     assert "graphs for up to 2, 4 resets" in env.describe()
+
+
+def test_graphs_of_resets_hold_what_follows(padding, monkeypatch):
+    """After the host knows the number of resets it launches one graph: resets and observations together."""
+    own: list[str] = []
+    build, replay = RecordedCart.__init__, RecordedHook.replay
+
+    def capturing(self: RecordedCart, *args: Any, **kwargs: Any) -> None:
+        build(self, *args, **kwargs)
+        self.plan.captures = True  # tapes hold the kernels of all stages, too
+
+    def noted(self: RecordedHook, variant: int = 0) -> None:
+        own.append(self.name)
+        replay(self, variant)
+
+    monkeypatch.setattr(RecordedCart, "__init__", capturing)
+    monkeypatch.setattr(RecordedHook, "replay", noted)
+    env, difference = both(Patient, 150, monkeypatch)
+    assert difference == ""
+    _, resets, observations = env.plan._recorded
+    assert set(resets.forms) == {2, 4}
+    recorder, launched = recorder_of(env), []
+    assert recorder.steps_to_check >= 60
+    for name, block in {"alone": observations, **{str(k): graph for k, (_, graph) in resets.forms.items()}}.items():
+        monkeypatch.setattr(block, "replay", lambda name=name, replay=block.replay: (launched.append(name), replay()))
+    own.clear()
+    ended = [int((x["terminated"] | x["truncated"]).sum()) for x in run(env, 50, 150)]
+    assert launched == ["alone" if n in (0, *range(5, 13)) else "2" if n <= 2 else "4" for n in ended]
+    assert {"4", "alone"} <= set(launched), str(ended)
+    assert own == []
+    text = "has been given up"
+    recorder.hooks[4].give_up_padding(text)  # what was recorded with it holds no more
+    launched.clear()
+    run(env, 8, 200)
+    assert set(launched) == {"alone"}
 
 
 def test_the_first_number_is_one_with_a_graph(padding):

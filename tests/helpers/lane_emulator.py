@@ -84,7 +84,7 @@ static int __any_sync(unsigned, int holds) { return __ballot_sync(0, holds) != 0
 static unsigned __float_as_uint(float x) { unsigned bits; memcpy(&bits, &x, 4); return bits; }
 static int atomicOr(int* to, int bits) { int was = *to; return *to |= bits, was; }
 static void atomicOr(unsigned long long* to, unsigned long long bits) { *to |= bits; }
-static void atomicAdd(int* to, int x) { *to += x; }
+static int atomicAdd(int* to, int x) { int was = *to; return *to += x, was; }
 template <class T> static void atomicMin(T* to, T x) { if (x < *to) *to = x; }
 """
 _RUN = """

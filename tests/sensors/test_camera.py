@@ -137,6 +137,24 @@ def test_depths_and_normals_are_those_of_geometry():
     assert (colour[torch.from_numpy(empty)] == sky).all()
 
 
+@pytest.mark.parametrize("name", ["ground", "ball"])
+def test_a_camera_looks_through_what_it_is_not_to_see(name):
+    poses = random_poses(4, seed=3)
+    camera = cfg(offset=DOWN, data_types=["depth", "distance_to_camera"], mesh_prim_paths=[f"/World/{name}"])
+    scene = ray_scene(camera, add_sphere, 4, others={"cube": body("Cube", 3.0)})
+    place(scene, poses)
+    place(scene, poses, "cube")  # around all cameras
+    scene.sensors["rays"].update(DT)
+    turn = Rotation.from_quat(poses[:, 3:])
+    rays, slant = pixel_rays(turn * TILT)
+    lengths = ray_lengths((poses[:, :3] + turn.apply(DOWN.pos))[:, None, None], rays)
+    length = lengths[name == "ball"]
+    got = scene.sensors["rays"].data.output["depth"][..., 0].double().numpy()
+    depth = np.where(length * slant < 12.0, length * slant, np.inf)
+    assert np.isfinite(depth).sum() > 100
+    assert np.isclose(got, depth, atol=2e-4).mean() > 0.995  # at a silhouette rounding decides
+
+
 def test_colours_are_those_of_pictures():
     """A camera and ``render()`` show one scene alike: light, ground, highlights, sky, colours of uncoloured shapes."""
 
@@ -401,11 +419,24 @@ def test_wrong_picture_terms_are_named(group, message):
         ({"spawn": LENS.replace(clipping_range=(1.0, 0.5))}, r"spawn.clipping_range: is \(1.0, 0.5\)"),
         ({"offset": CameraCfg.OffsetCfg(convention="usd")}, r"offset.convention: is 'usd'"),
         ({"depth_clipping_behavior": "far"}, r"depth_clipping_behavior"),
+        ({"mesh_prim_paths": ["/World/("]}, r"mesh_prim_paths\[0\]: is '/World/\(', which is no regular expression"),
     ],
 )
 def test_a_wrong_config_says_what_would_be_right(changes, message):
     with pytest.raises(ConfigError, match=message):
         cfg(**changes).validate()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"mesh_prim_paths": ["/World/gruond"]}, r"mesh_prim_paths\[0\]: no visible shape at or below '/World/gruond'"),
+        ({"mesh_prim_paths": [".*"], "renderer": "newton"}, r"mesh_prim_paths: cannot choose what is seen"),
+    ],
+)
+def test_what_cannot_be_seen_is_an_error(changes, message):
+    with pytest.raises(ConfigError, match=message):
+        ray_scene(cfg(**changes), add_plane, 1)
 
 
 def test_a_camera_on_a_body_cannot_be_put_elsewhere():

@@ -11,7 +11,7 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from stripe_newton.scene import InteractiveScene
-from stripe_newton.sensors import CameraCfg, PinholeCameraCfg
+from stripe_newton.sensors import CameraCfg, PinholeCameraCfg, camera_renderer
 from stripe_newton.sensors.camera_renderer import MOST_LISTED_STATICS, CameraRenderer
 from stripe_newton.sensors.newton_renderer import NewtonRenderer
 from tests.helpers.ray_world import add_field, body, place, random_poses, ray_scene
@@ -136,6 +136,38 @@ def test_a_height_field_and_many_static_shapes_are_those_of_newtons_sensor():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("paths", "alone"),
+    [
+        (["/World/ground"], lambda template, static: add_field(template, static)),
+        (["/World/rings/.*"], lambda template, static: add_torus(static, (0.4, 0.3, 0.7), True, "/World/rings/smooth")),
+        (["{ENV_REGEX_NS}/Cube"], lambda template, static: None),
+    ],
+)
+@pytest.mark.parametrize("most_listed", [MOST_LISTED_STATICS, 0])
+def test_pictures_of_some_prims_are_those_of_a_scene_without_the_others(paths, alone, most_listed, monkeypatch):
+    monkeypatch.setattr(camera_renderer, "MOST_LISTED_STATICS", most_listed)
+
+    def picture(build, cube: bool, **changes) -> dict[str, np.ndarray]:
+        lens = LENS.replace(clipping_range=(0.35, 20.0))  # beyond the body that carries it
+        camera = CameraCfg(
+            prim_path="{ENV_REGEX_NS}/Body/eye", width=WIDTH, height=HEIGHT, spawn=lens, offset=DOWN,
+            data_types=["distance_to_image_plane", "normals", "rgb"], background_color=(0.2, 0.4, 0.6), **changes,
+        )  # fmt: skip
+        scene = ray_scene(camera, build, ENVS, others={"cube": body("Cube", 3.0)})
+        place(scene, poses)
+        place(scene, poses if cube else poses - [0.0, 0.0, 90.0, 0.0, 0.0, 0.0, 0.0], "cube")  # around the camera
+        eye = scene.sensors["rays"]
+        eye.update(DT)
+        return {name: image.numpy().copy() for name, image in eye.data.output.items()}
+
+    cube, poses = "Cube" in paths[0], random_poses(ENVS, seed=7)
+    some, expected = picture(add_many, cube, mesh_prim_paths=paths), picture(alone, cube)
+    assert np.isfinite(expected["distance_to_image_plane"]).sum() > 50
+    for name, image in expected.items():
+        assert np.isclose(some[name], image, atol=1e-4).mean() > 0.999, name
+
+
 @pytest.mark.parametrize("build", [add_few, add_many])
 def test_shadows_are_those_of_newtons_sensor(build):
     plain, shadowed = pictures(build), pictures(build, shadows=True)

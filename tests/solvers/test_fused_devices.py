@@ -13,9 +13,11 @@ from tests.helpers.robot_files import robot_file
 
 FLAT, ROUGH = "Stripe-Velocity-Flat-Quadruped-v0", "Stripe-Velocity-Rough-Quadruped-v0"
 LIFT, LEGS = "Stripe-Lift-Cube-Panda-v0", "Stripe-Velocity-Rough-AnymalC-v0"
-ROBOTS = {LIFT: "panda", LEGS: "anymal_c"}
-"""Robots whose file a task needs: with hulls on a cube and the ground, and with cylinders on rough ground."""
-WALKS = [(FLAT, True), (FLAT, False), (ROUGH, True), (ROUGH, False), (LIFT, False), (LEGS, False)]
+BIPED = "Stripe-Velocity-Flat-G1-v0"
+ROBOTS = {LIFT: "panda", LEGS: "anymal_c", BIPED: "g1"}
+"""Robots whose file a task needs: with hulls on a cube and the ground, with cylinders on rough ground, and with more
+degrees of freedom than lanes, whose rows have no Jacobians."""
+WALKS = [(FLAT, True), (FLAT, False), (ROUGH, True), (ROUGH, False), (LIFT, False), (LEGS, False), (BIPED, False)]
 """Tasks, and whether they take the form for a hub with limbs."""
 
 

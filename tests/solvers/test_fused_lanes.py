@@ -51,6 +51,7 @@ def assert_same(one: dict[str, np.ndarray], two: dict[str, np.ndarray], toleranc
         ("Stripe-Velocity-Rough-Quadruped-v0", 32, False),
         ("Stripe-Velocity-Flat-AnymalC-v0", 32, False),  # elliptic cones
         pytest.param("Stripe-Velocity-Flat-Humanoid-v0", 32, False, marks=pytest.mark.slow),  # tiles of four rows
+        ("Stripe-Velocity-Flat-G1-v0", 32, False),  # rows without Jacobians, more rows of matrices than lanes
         ("Stripe-Cartpole-v0", 8, False),
         ("Stripe-Velocity-Flat-Quadruped-v0", 4, True),
         ("Stripe-Velocity-Flat-Humanoid-v0", 4, True),

@@ -208,7 +208,7 @@ def test_getting_up_begins_in_any_orientation_and_tells_who_stands():
     env.step(torch.zeros(N, 29))
     assert env.success.tolist() == [True, False, True, True]
     values = dict(zip(env.reward_manager.active_terms, env.reward_manager.compute_terms().T, strict=True))
-    assert values["torso_height"][0] > 1.9 > 1.0 > values["torso_height"][1]
+    assert values["head_height"][0] > 1.9 > 1.0 > values["head_height"][1]
     assert values["posture"][0] > 0.9 > values["posture"][1] == 0.0
     env.close()
 

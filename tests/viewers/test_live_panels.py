@@ -126,6 +126,50 @@ def test_plots_have_the_values_of_the_steps(viewer, env):
     np.testing.assert_allclose(plot.chart.data[1], plot.data()[1])
 
 
+def test_curves_begin_anew_when_somebody_looks_again(viewer, env, monkeypatch):
+    """Nothing is read while no browser is connected: a line across that time would be made up."""
+    looks = True
+    monkeypatch.setattr(viewer, "has_clients", lambda: looks)
+    plot = viewer.plots.plots[0]
+
+    def serve(steps):
+        for _ in range(steps):
+            take(viewer, env, 1)
+            viewer._serve_page(at_once=True)
+
+    serve(4)
+    viewer.plots._next = 0.0
+    viewer._draw()
+    chart = plot.chart
+    assert chart is not None
+    assert len(plot.data()[0]) >= 4
+    looks = False
+    serve(30)
+    looks = True
+    serve(3)
+    np.testing.assert_allclose(np.diff(plot.data()[0]), env.step_dt, rtol=1e-5)
+    viewer.plots._next = 0.0
+    viewer._draw()
+    assert plot.chart is chart  # the browser may still be told of its values
+    assert len(chart.data[0]) == 3
+
+
+def test_a_chart_is_made_anew_for_other_curves(viewer, env):
+    plot = viewer.plots.plots[0]
+    for name, curves in (("reward: total", 1), ("command: velocity", 3)):
+        plot.choice.value = name
+        viewer.inbox.run()
+        assert plot.chart is None
+        for _ in range(3):
+            take(viewer, env, 1)
+            viewer.plots._next = 0.0
+            viewer._draw()
+        assert len(plot.chart.data) == 1 + curves
+    plot.choice.value = "off"
+    viewer.inbox.run()
+    assert plot.chart is None
+
+
 def test_what_is_logged_can_be_plotted(viewer, env):
     env.extras = {"log": {"Episode_Reward/alive": torch.tensor(2.5), "text": "no number"}}
     take(viewer, env, 1)

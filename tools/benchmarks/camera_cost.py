@@ -3,6 +3,7 @@
 
     python tools/benchmarks/camera_cost.py --case cart-poles --out cart_poles.json      # 64 x 64 RGB, 4096 environments
     python tools/benchmarks/camera_cost.py --case quadrupeds --out quadrupeds.json      # 64 x 48 depth on rough ground
+    python tools/benchmarks/camera_cost.py --case lift --mesh-detail 0                  # a Panda with all its triangles
     python tools/benchmarks/camera_cost.py --case cart-poles --newton                   # Newton's sensor beside it
 
 Kernels are timed as a replayed graph of ten launches. A part is the difference between two kernels: shading is colour
@@ -32,6 +33,7 @@ from stripe_newton.sensors.newton_renderer import NewtonRenderer
 
 CASES = {
     "cart-poles": ("Stripe-Cartpole-Camera-Direct-v0", "tiled_camera", "camera"),
+    "lift": ("Stripe-Lift-Cube-Panda-Camera-v0", "scene.tiled_camera", "tiled_camera"),
     "quadrupeds": ("Stripe-Velocity-Rough-Quadruped-Depth-v0", "scene.depth_camera", "depth_camera"),
 }
 """By case: the task, where its config has the camera, and the camera's name in the scene."""
@@ -47,6 +49,7 @@ def make(args: argparse.Namespace) -> tuple[RLEnv, Camera]:
     for field in where.split("."):
         camera = getattr(camera, field)
     camera.update_period, camera.noise, camera.delay, camera.renderer = 0.0, None, 0, args.renderer
+    camera.mesh_detail = args.mesh_detail
     if args.size:
         camera.width, camera.height = args.size
         if args.case == "cart-poles":
@@ -177,6 +180,7 @@ def main() -> None:
     parser.add_argument(
         "--size", type=int, nargs=2, metavar=("WIDTH", "HEIGHT"), help="of the picture; default the task's"
     )
+    parser.add_argument("--mesh-detail", type=float, default=0.5, help="as in the camera's config [px]")
     parser.add_argument("--renderer", choices=("auto", "newton"), default="auto", help="that the step uses")
     parser.add_argument(
         "--newton", action="store_true", help="time Newton's sensor too, whose kernels take long to compile"

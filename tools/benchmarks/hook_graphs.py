@@ -234,6 +234,7 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--tasks", nargs="*", default=list(TASKS))
     parser.add_argument("--parts", nargs="*", default=["speed", "equal", "train"])
+    parser.add_argument("--cases", nargs="*", default=list(CASES), choices=list(CASES))
     parser.add_argument("--num-envs", type=int, default=4096)
     parser.add_argument("--steps", type=int, default=200)
     parser.add_argument("--equal-steps", type=int, default=1000)
@@ -246,7 +247,7 @@ def main() -> None:
             if part == "equal":
                 guarded(found, f"equal {task}", lambda task=task: equal(task, args), args)
                 continue
-            for case in CASES:
+            for case in args.cases:
                 function = speed if part == "speed" else train
                 key = f"{part} {task} {case}"
                 guarded(found, key, lambda f=function, t=task, c=case: f(t, c, args), args)

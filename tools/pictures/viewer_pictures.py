@@ -3,24 +3,33 @@
 
     python tools/pictures/viewer_pictures.py [--out docs/images] [--only NAME ...]
 
-Needs ``pip install stripe-newton[viser] playwright`` and Chromium. A few minutes on a CPU, without a trained policy.
+Needs ``pip install stripe-newton[browser]`` and Chromium. A few minutes on a CPU, without a trained policy.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import math
-from collections.abc import Callable
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
 import torch
+from PIL import Image
 
 from stripe_newton.cli.run_configs import load_configs
 from stripe_newton.cli.tasks import make_env
 from stripe_newton.envs import RLEnv
 from stripe_newton.viewers import LiveViewer, ViewerCfg
 from stripe_newton.viewers.camera_framing import camera_axes
+from stripe_tasks.robots import QUADRUPED_CFG
 from tools.pictures.headless_browser import LivePage, open_page
 
 SIZE = 1280, 800
@@ -113,6 +122,63 @@ SCENES: dict[str, tuple[Callable[[], Show], Callable[[LivePage, Show, Callable[[
 """What is built, and what is shown of it, by name."""
 
 
+# -- the panels of four commands, side by side
+
+PANEL = 388, 780
+"""Width and height of a panel, at the right of the window [px]."""
+TRAINED = "Stripe-Cartpole-v0"
+
+
+@contextlib.contextmanager
+def command(folder: str, *words: str) -> Iterator[LivePage]:
+    """The page of a command that shows something; the command ends with it."""
+    args = [sys.executable, "-m", "stripe_newton", *words, "--viewer", "viser", "--port", "18750"]
+    with subprocess.Popen(args, cwd=folder, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None  # it is a pipe
+            url = next(found[0] for line in process.stdout if (found := re.search(r"http://\S+", line)))
+            with open_page(url, lambda: None, SIZE) as page:
+                yield page
+        finally:
+            process.send_signal(signal.SIGTERM)
+            process.communicate()
+
+
+def panel(page: LivePage) -> Image.Image:
+    """What the page has at its right."""
+    picture = Image.open(io.BytesIO(page.page.screenshot())).convert("RGB")
+    return picture.crop((picture.width - PANEL[0], 0, picture.width, PANEL[1]))
+
+
+def four_panels(out: Path) -> None:
+    """Joints of a robot's file, a camera, a training and the checkpoints that it wrote."""
+    parts: list[Image.Image] = []
+    with tempfile.TemporaryDirectory() as folder:
+        with command(folder, "inspect", str(Path(QUADRUPED_CFG.spawn.usd_path).resolve())) as page:
+            page.click(page.tab("Joints"))
+            page.wait(2.0)
+            parts.append(panel(page))
+        with command(folder, "play", "Stripe-Cartpole-Camera-Direct-v0", "--agent", "zero", "--num-envs", "4") as page:
+            page.wait(4.0)
+            parts.append(panel(page))
+        train = "train", TRAINED, "--num-envs", "64", "--agent.save-interval", "50", "--max-iterations", "400"
+        with command(folder, *train) as page:
+            page.click(page.tab("Plots"))
+            page.wait(30.0)
+            parts.append(panel(page))
+        run = str(next(Path(folder, "logs").glob("*/*")))
+        with command(folder, "play", TRAINED, "--checkpoint", run, "--num-envs", "4") as page:
+            page.click(page.tab("Policy"))
+            page.click(page.page.get_by_label("Checkpoint", exact=True))
+            page.wait(2.0)
+            parts.append(panel(page))
+    size = 304, round(304 * PANEL[1] / PANEL[0])
+    picture = Image.new("RGB", (size[0] * len(parts), size[1]))
+    for number, part in enumerate(parts):
+        picture.paste(part.resize(size, Image.Resampling.LANCZOS), (number * size[0], 0))
+    picture.save(out / "viewer_panels.jpg", quality=80)
+
+
 def save(page: LivePage, folder: Path, file: str) -> None:
     """Write a screenshot."""
     page.save(folder / file, quality=72)
@@ -122,9 +188,13 @@ def main() -> None:
     """Make the pictures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("docs/images"), help="folder of the pictures")
-    parser.add_argument("--only", nargs="+", choices=SCENES, default=list(SCENES), help="scenes, by default all")
+    names = [*SCENES, "panels"]
+    parser.add_argument("--only", nargs="+", choices=names, default=names, help="scenes, by default all")
     args = parser.parse_args()
     for name in args.only:
+        if name == "panels":
+            four_panels(args.out)
+            continue
         build, scene = SCENES[name]
         show = build()
         try:

@@ -109,6 +109,15 @@ FN real SUM(real x) {
     for (int o = LANES / 2; o; o >>= 1) x += __shfl_xor_sync(own_lanes(), x, o, LANES);
     return x;
 }
+// SUM of each of N numbers, which wait for each other's lanes together.
+template <int N>
+FN void sum_each(real* x) {
+    UNROLLED for (int o = LANES / 2; o; o >>= 1) {
+        real other[N];
+        UNROLLED for (int k = 0; k < N; k++) other[k] = __shfl_xor_sync(own_lanes(), x[k], o, LANES);
+        UNROLLED for (int k = 0; k < N; k++) x[k] += other[k];
+    }
+}
 #else
 #define SYNC()
 #define SYNC_WARP()
@@ -118,6 +127,8 @@ FN real SUM(real x) {
 #define RANK(holds, before, all) before = 0, all = holds
 FN int first_lane(unsigned) { return 0; }
 FN real SUM(real x) { return x; }
+template <int N>
+FN void sum_each(real*) {}
 #endif
 
 namespace fused {

@@ -10,21 +10,27 @@ FN void set_row(real* o, RowKind kind, real D, real damping, real stiffness, rea
     o[R_D] = D, o[R_KIND] = kind, o[R_LOSS] = loss, o[R_JS] = damping, o[R_E] = stiffness;
 }
 
+#if !WRENCH_ROWS
 // e = J a - reference acceleration of all rows.
 template <bool FITS>
-FN void complete_rows(World& w, int rows, int lane) {
+FN void complete_rows(World& w, int rows, int, int lane) {
     EACH(r, rows) {
         real* o = row_of<FITS>(w, r);
         o[R_E] += product(o, w.a) + o[R_JS] * product(o, w.v);
     }
     SYNC();
 }
+#endif
 
 // Row of a joint coordinate: J = sign at one degree of freedom.
 FN real* joint_row(World& w, int r, int dof, real sign) {
     real* o = row(w, r);
+#if WRENCH_ROWS
+    o[R_DOF] = dof, o[R_SIGN] = sign;
+#else
     for (int k = 0; k < NV; k++) o[k] = 0;
     o[dof] = sign;
+#endif
     return o;
 }
 
@@ -159,6 +165,7 @@ FN int place_rows(World& w, int& count, int rows, bool& dropped, int lane) {
     return rows;
 }
 
+#if !WRENCH_ROWS
 template <bool FITS>
 FN void contact_rows(World& w, int count, int lane) {
     EACH(t, count * NV) {
@@ -197,5 +204,6 @@ FN void contact_rows(World& w, int count, int lane) {
     }
     SYNC();
 }
+#endif
 
 }  // namespace fused

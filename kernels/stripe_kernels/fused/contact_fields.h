@@ -18,6 +18,7 @@ enum ContactField {
     C_ROW = 14,       // its first row, -1 for none
     C_FRICTION = 15,  // two tangential, one torsional, two rolling coefficients
     C_DAMPING = 20,   // of the normal row, then of the others
+    C_NEXT = 21,      // of a pyramid without Jacobians: the first contact behind its group, see wrench_rows.h
     C_STIFFNESS = 22, // stiffness' part of the normal row's reference acceleration
     C_R = 23,         // R of the normal row
     C_MU = 24,        // friction of the regularised cone

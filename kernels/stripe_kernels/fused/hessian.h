@@ -2,7 +2,7 @@
 // Hessian: A = M + the sum of weight J' J of the constraint rows, in tiles of a few rows and four columns. Each lane computes
 // one tile of the lower triangle, for which it needs few numbers of a row.
 
-#if IN_REGISTERS
+#if IN_REGISTERS && !WRENCH_ROWS
 namespace fused {
 
 enum {

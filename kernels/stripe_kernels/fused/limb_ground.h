@@ -39,19 +39,13 @@ FN Near near_ground(const OnGround& o, const Parameters& P, int p) {
 #endif
 }
 
-// Prepare the search of the part of a pair, of which the geom is near; it has no candidates if nothing is near. What is near
-// a plane needs no search: its hit is `first`, if it touches.
-FN void prepare(Search& s, Touch& first, const OnGround& o, const Parameters& P, int p) {
+// Prepare the search of the part of a pair, of which the geom is near; it has no candidates if nothing is near.
+FN void prepare(Search& s, const OnGround& o, const Parameters& P, int p) {
     const int part = ground_part(p);
     s.pair = p, s.count = 0, s.ended = false, s.size = 0;
 #if HAS_MESHES
     if (is_on_mesh(p)) {
         prepare(s, kind_of(part), end_of(part), margin_of(P, p), mesh_of(P, p), o.at, o.axes, o.geom);
-        if (s.on_plane) {
-            Touch hit;
-            s.size = 0;
-            if (plane_touch(s, ((const MeshFace*)mesh_of(P, p).faces.things)[s.first], hit)) s.hit[0] = 0, s.count = 1, first = hit;
-        }
         return;
     }
 #endif
@@ -60,6 +54,30 @@ FN void prepare(Search& s, Touch& first, const OnGround& o, const Parameters& P,
     prepare(s, kind_of(part), end_of(part), margin_of(P, p), patch_of(o, P, p), o.axes, o.geom);
 #endif
 }
+
+#if HAS_MESHES
+// The touch of a part with the plane that its search has as candidates, if it is one.
+FN bool touches_plane(const Search& s, Touch& hit, const Parameters& P) {
+    return plane_touch(s, face_at(mesh_of(P, s.pair).faces, s.first), hit);
+}
+#endif
+
+#if WARP_SEARCHES
+// What is near the part of a pair, of which the geom is near. A touch with a plane needs no search.
+enum Nearby { NO_TOUCH, TOUCHED_PLANE, OTHER_SURFACE };
+FN Nearby what_is_near(Touch& hit, const OnGround& o, const Parameters& P, int p) {
+#if HAS_MESHES
+    const PartKind kind = kind_of(ground_part(p));
+    if (is_on_mesh(p) && kind != AXIS_PART && kind != BOX_PART) {
+        Search s;
+        prepare(s, o, P, p);
+        if (s.size == 0) return NO_TOUCH;
+        if (s.on_plane) return touches_plane(s, hit, P) ? TOUCHED_PLANE : NO_TOUCH;
+    }
+#endif
+    return OTHER_SURFACE;
+}
+#endif
 
 // A hit of a geom on its ground, in the world: halfway between the two surfaces.
 FN Hit in_world(real dist, Vec pos, Vec normal, const OnGround& o) {
@@ -121,7 +139,13 @@ FN void to_world(Hits& hits, int* geoms, const Search& s, const Found* found, co
 FN void ground_hits(Hits& hits, int* geoms, const OnGround& o, const Parameters& P, int p) {
     Search s;
     Found found[4];
-    prepare(s, found[0].touch, o, P, p);
+    prepare(s, o, P, p);
+#if HAS_MESHES
+    if (s.on_plane) {
+        s.ended = true;
+        if (touches_plane(s, found[0].touch, P)) s.hit[0] = 0, s.count = 1;
+    }
+#endif
     take_hits(s, found, [&](int c, bool far, Touch& hit, real& order) {
         const auto box = [&] { return box_in(o.axes, o.geom); };
 #if HAS_MESHES

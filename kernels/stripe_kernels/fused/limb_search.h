@@ -2,16 +2,26 @@
 // Limb search: contacts of limbs on a GPU, where the lanes of a warp search for touches on height fields and meshes together.
 //
 // Robots differ in what is near them, and a warp takes as long as its busiest lane. So a lane only finds out which geoms of its
-// limb are near. The parts of those geoms are shared out over the lanes of the warp, and then the triangles near the parts. A
-// lane takes the hits of its limb's parts in their order, so that neither their number nor their order depends on the others.
+// limb are near, and touches planes: of most robots nothing else is near. The other parts of those geoms are shared out over the
+// lanes of the warp, and then the triangles near the parts: first those are left out whose bounds are not in reach, as there may
+// be hundreds around a round table's foot. The touches of the others are listed, so that the rounds after the first look at them
+// alone. A lane takes the hits of its limb in the order of their parts, so that neither their number nor their order depends on
+// the other lanes.
 
 #if WARP_SEARCHES
 namespace fused {
 
-enum { MOST_SEARCHES = 48 };  // at a time; a warp of robots that stand has 30 to 70 parts with candidates
+enum {
+    MOST_SEARCHES = 48,  // at a time; a warp of robots that stand has up to 20 parts with candidates
+    MOST_LISTED = 128,   // touches; those of a search without a place are found again in each round
+};
 
 struct Kept {
     Touch touch;
+};
+// A candidate: the number of its search, and its own number there.
+struct Candidate {
+    unsigned search : 8, number : 24;
 };
 // What the lanes of a warp share.
 struct alignas(16) WarpSearches {
@@ -24,6 +34,10 @@ struct alignas(16) WarpSearches {
     unsigned short listed[64];               // parts that are to be prepared: see `PartOfLane`
     unsigned short part[MOST_SEARCHES];
     bool far[MOST_SEARCHES];                 // whether such faces are asked for
+    bool is_listed[MOST_SEARCHES];           // whether all its touches are listed
+    int num_listed;                          // touches, of which there may be more than places
+    Candidate touching[MOST_LISTED];
+    Candidate queue[64];                     // candidates that may touch
 };
 static_assert(sizeof(WarpSearches) <= 4 * WARP_SEARCHES_SIZE, "size of WarpSearches");
 
@@ -65,19 +79,35 @@ struct PairHit {
     int geom;
     short pair;
     bool on_ground;
+    unsigned char number;  // of the pair among those of the limb
 };
 // Contacts of a limb that have been found so far.
 struct PairHits {
     PairHit* hits;
     int count, overflow;
 };
+// Add a hit behind those of the same pair and the pairs before it.
 FN void add(PairHits& found, const PairHit& hit) {
-    if (found.count == LIMB_CONTACTS) found.overflow |= OVERFLOW_CONTACTS;
-    else found.hits[found.count++] = hit;
+    if (found.count == LIMB_CONTACTS) {
+        found.overflow |= OVERFLOW_CONTACTS;
+        return;
+    }
+    int i = found.count++;
+    ROLLED for (; i && found.hits[i - 1].number > hit.number; i--) found.hits[i] = found.hits[i - 1];
+    found.hits[i] = hit;
+}
+// Add a hit of a pair on its ground.
+FN void add_touch(PairHits& found, const Touch& h, int p, int number) {
+#if HAS_MESHES
+    const int geom = h.geom < 0 ? contact_geom1(p) : h.geom;
+#else
+    const int geom = contact_geom1(p);
+#endif
+    add(found, PairHit{Hit{h.dist, h.pos, h.normal, Vec{0, 0, 0}}, geom, (short)p, true, (unsigned char)number});
 }
 
 // Hits of a pair of primitives, of which `own` moves.
-FN void add_primitive(PairHits& found, const World& w, const Parameters& P, int p, const Geom& own, int g) {
+FN void add_primitive(PairHits& found, const World& w, const Parameters& P, int p, int number, const Geom& own, int g) {
     const int a = contact_geom1(p);
     const bool is_plane = contact_kind(p) <= PLANE_CYLINDER, is_first = g == a;
     const Geom still = is_plane ? plane_of(w, p) : static_geom(w, P, is_first ? contact_geom2(p) : a, geom_body(g));
@@ -85,17 +115,18 @@ FN void add_primitive(PairHits& found, const World& w, const Parameters& P, int 
     if (!has_both(P, p)) return;
     Hits hits;
     primitive_hits(hits, p, margin_of(P, p), is_first ? own : still, is_first ? still : own);
-    ROLLED for (int i = 0; i < hits.count; i++) add(found, PairHit{hits.hit[i], a, (short)p, false});
+    ROLLED for (int i = 0; i < hits.count; i++) add(found, PairHit{hits.hit[i], a, (short)p, false, (unsigned char)number});
 }
 
-// Look at the geoms of a limb: add the hits of primitives, and return which of its pairs are of parts that are near a ground.
+// Look at the geoms of a limb: add the hits of primitives, and of what is near a plane alone. Returns which of its pairs are of
+// other parts that are near a ground.
 FN unsigned long long look_at_geoms(PairHits& found, const World& w, const Parameters& P, int slot) {
     unsigned long long near = 0;
     const int first = limb_pair_start(slot), end = limb_geom_start(slot + 1);
     ROLLED for (int k = limb_geom_start(slot); k < end; k++) {
         const int g = limb_geom(k), searched = limb_geom_search(k), last = limb_geom_pair(k + 1);
         const Geom own = geom_of(w, P, g);
-        ROLLED for (int t = limb_geom_pair(k); t < searched; t++) add_primitive(found, w, P, limb_pair(t), own, g);
+        ROLLED for (int t = limb_geom_pair(k); t < searched; t++) add_primitive(found, w, P, limb_pair(t), t - first, own, g);
         ROLLED for (int t = searched, parts; t < last; t += parts) {
             const int p = limb_pair(t);
             parts = limb_parts(t);
@@ -103,8 +134,14 @@ FN unsigned long long look_at_geoms(PairHits& found, const World& w, const Param
             const OnGround o = on_ground(ground_of(w, P, p, geom_body(g)), own);
             const Near ground = near_ground(o, P, p);
             if (!ground.faces && !ground.edges) continue;
-            ROLLED for (int i = 0; i < parts; i++)
-                if (is_part_near(ground, ground_part(limb_pair(t + i)))) near |= 1ull << (t + i - first);
+            ROLLED for (int i = t; i < t + parts; i++) {
+                const int q = limb_pair(i);
+                if (!is_part_near(ground, ground_part(q))) continue;
+                Touch hit;
+                const Nearby nearby = what_is_near(hit, o, P, q);
+                if (nearby == TOUCHED_PLANE) add_touch(found, hit, q, i - first);
+                if (nearby == OTHER_SURFACE) near |= 1ull << (i - first);
+            }
         }
     }
     return near;
@@ -134,12 +171,21 @@ FN bool touch_of(const Search& s, const Parameters& P, int lane, int candidate, 
 #endif
 }
 
-// Number the candidates of all searches that go on, and begin a round of them. Returns the number of candidates.
+// Whether the bounds of a candidate of a search are in reach.
+FN bool may_touch(const Search& s, const Parameters& P, int candidate, bool far) {
+#if HAS_MESHES
+    if (is_on_mesh(s.pair)) return may_touch(s, mesh_of(P, s.pair), candidate, far);
+#endif
+    return true;
+}
+
+// Number the candidates of all searches that go on and whose touches are not listed, and begin a round of all that go on.
+// Returns the number of candidates.
 FN int begin_round(WarpSearches& all, int count, int lane, int lanes) {
     int total = 0;
     ROLLED for (int first = 0; first < count; first += lanes) {
         const int k = first + lane;
-        const int mine = k < count && !all.search[k].ended ? all.search[k].size : 0;
+        const int mine = k < count && !all.search[k].ended && !all.is_listed[k] ? all.search[k].size : 0;
         int sum = mine;
         ROLLED for (int by = 1; by < 32; by *= 2) {
             const int other = __shfl_up_sync(0xffffffffu, sum, by, 32);
@@ -152,42 +198,62 @@ FN int begin_round(WarpSearches& all, int count, int lane, int lanes) {
     return total;
 }
 
-// The search of a candidate: the last that starts there, as those before it are empty.
-FN int search_of(const WarpSearches& all, int count, int candidate) {
-    int k = 0;
-    ROLLED for (int by = 32; by; by /= 2)
-        if (k + by < count && all.search[k + by].start <= candidate) k += by;
-    return k;
+// The touch of a candidate, if it is one that remains beside the hits of its search, which keeps the best. Returns its key, which
+// is least for the best.
+FN unsigned long long offer(WarpSearches& all, const Parameters& P, Candidate c, Touch& hit) {
+    const int k = c.search;
+    const Search& s = all.search[k];
+    const bool far = all.far[k];
+    real order;
+    if (!touch_of(s, P, unpacked(all.part[k]).lane, c.number, far, hit, order)) return ~0ull;
+    if (far && hit.dist >= s.reach) {
+        atomicMin(&all.outside[k], in_order(order));
+        return ~0ull;
+    }
+    atomicAdd(&all.touches[k], 1);
+    if (!all.is_listed[k]) {
+        const int place = atomicAdd(&all.num_listed, 1);
+        if (place < MOST_LISTED) all.touching[place] = c;
+    }
+    if (!remains(s, all.found[k], hit, order)) return ~0ull;
+    const unsigned long long key = (unsigned long long)in_order(order) << 32 | c.number;
+    atomicMin(&all.best[k], key);
+    return key;
 }
 
-// Find the touches of a round, of which each search keeps the best.
+// Find the touches of a round: of all candidates, which are numbered, and of those that are listed.
 FN void find_touches(WarpSearches& all, const Parameters& P, int count, int candidates, int lane, int lanes) {
-    ROLLED for (int first = 0; first < candidates; first += lanes) {
-        const int c = first + lane;
-        int k = 0;
-        Touch hit;
-        unsigned long long key = ~0ull;
-        if (c < candidates) {
-            k = search_of(all, count, c);
-            const Search& s = all.search[k];
-            const int candidate = c - s.start;
-            const bool far = all.far[k];
-            real order;
-            if (touch_of(s, P, unpacked(all.part[k]).lane, candidate, far, hit, order)) {
-                if (far && hit.dist >= s.reach) atomicMin(&all.outside[k], in_order(order));
-                else {
-                    atomicAdd(&all.touches[k], 1);
-                    if (remains(s, all.found[k], hit, order)) {
-                        key = (unsigned long long)in_order(order) << 32 | (unsigned)candidate;
-                        atomicMin(&all.best[k], key);
-                    }
-                }
-            }
-        }
-        SYNC_WARP();
-        if (key != ~0ull && all.best[k] == key) all.found[k][all.search[k].count].touch = hit;
-    }
+    const int listed = all.num_listed < MOST_LISTED ? all.num_listed : MOST_LISTED, end = candidates + listed;
+    int first = 0, queued = 0, k = 0;
     SYNC_WARP();
+    ROLLED for (;;) {
+        ROLLED while (queued < lanes && first < end) {
+            const int i = first + lane;
+            Candidate c{0, 0};
+            bool is_one = false;
+            if (i < candidates) {
+                while (k + 1 < count && all.search[k + 1].start <= i) k++;  // the last that starts there: those before are empty
+                c = Candidate{(unsigned)k, (unsigned)(i - all.search[k].start)};
+                is_one = may_touch(all.search[k], P, c.number, all.far[k]);
+            } else if (i < end) {
+                c = all.touching[i - candidates];
+                is_one = all.is_listed[c.search] && !all.search[c.search].ended;
+            }
+            const unsigned votes = __ballot_sync(0xffffffffu, is_one);
+            if (is_one) all.queue[queued + __popc(votes & (1u << lane) - 1)] = c;
+            queued += __popc(votes), first += lanes;
+            SYNC_WARP();
+        }
+        if (!queued) break;
+        const int taken = queued < lanes ? queued : lanes;
+        queued -= taken;
+        const Candidate c = all.queue[queued + (lane < taken ? lane : 0)];
+        Touch hit;
+        const unsigned long long key = lane < taken ? offer(all, P, c, hit) : ~0ull;
+        SYNC_WARP();
+        if (key != ~0ull && all.best[c.search] == key) all.found[c.search][all.search[c.search].count].touch = hit;
+        SYNC_WARP();
+    }
 }
 
 // Make the best candidate of a round the next hit of its search.
@@ -206,7 +272,10 @@ FN void take_best(WarpSearches& all, int k) {
             return;
         }
         all.far[k] = !all.far[k];
-        if (all.far[k]) return;
+        if (all.far[k]) {
+            all.is_listed[k] = false;
+            return;
+        }
     }
 #endif
     accept(s, s.count, hit);
@@ -216,11 +285,22 @@ FN void take_best(WarpSearches& all, int k) {
 // Find the hits of some searches, and add each to those of the lane that it belongs to.
 FN void find_hits(PairHits& found, WarpSearches& all, const Parameters& P, int count, int lane, int lanes) {
     all.own[lane] = 0;
-    ROLLED while (int candidates = begin_round(all, count, lane, lanes)) {
+    if (lane == 0) all.num_listed = 0;
+    bool goes_on = true;
+    ROLLED while (goes_on) {
+        const int candidates = begin_round(all, count, lane, lanes);
         find_touches(all, P, count, candidates, lane, lanes);
-        ROLLED for (int k = lane; k < count; k += lanes)
-            if (!all.search[k].ended) take_best(all, k);
+        const bool has_room = all.num_listed <= MOST_LISTED;
+        goes_on = false;
         SYNC_WARP();
+        ROLLED for (int k = lane; k < count; k += lanes) {
+            if (all.search[k].ended) continue;
+            all.is_listed[k] = all.is_listed[k] || has_room;
+            take_best(all, k);
+            goes_on = goes_on || !all.search[k].ended;
+        }
+        if (lane == 0 && !has_room) all.num_listed = MOST_LISTED;
+        goes_on = any_in_warp(goes_on);
     }
     ROLLED for (int k = lane; k < count; k += lanes)
         if (all.search[k].count) atomicOr(&all.own[unpacked(all.part[k]).lane], 1ull << k);
@@ -228,25 +308,17 @@ FN void find_hits(PairHits& found, WarpSearches& all, const Parameters& P, int c
     ROLLED for (unsigned long long own = all.own[lane]; own; own &= own - 1) {
         const int k = __ffsll(own) - 1;
         const Search& s = all.search[k];
-        ROLLED for (int i = 0; i < s.count; i++) {
-            const Touch& h = all.found[k][i].touch;
-#if HAS_MESHES
-            const int geom = h.geom < 0 ? contact_geom1(s.pair) : h.geom;
-#else
-            const int geom = contact_geom1(s.pair);
-#endif
-            add(found, PairHit{Hit{h.dist, h.pos, h.normal, Vec{0, 0, 0}}, geom, s.pair, true});
-        }
+        ROLLED for (int i = 0; i < s.count; i++) add_touch(found, all.found[k][i].touch, s.pair, unpacked(all.part[k]).number);
     }
     SYNC_WARP();
 }
 
-// Prepare the search for a part of the warp, which may have a hit already; see `prepare`. `l` is the number of the limb of a lane.
-FN void prepare(Search& s, Touch& hit, const Parameters& P, PartOfLane part, int l) {
+// Prepare the search for a part of the warp, see `prepare`. `l` is the number of the limb of a lane.
+FN void prepare(Search& s, const Parameters& P, PartOfLane part, int l) {
     const World& w = world_of(part.lane);
     const Parameters Q = parameters_of(P, part.lane);
     const int p = limb_pair(limb_pair_start(slot_of(l, part.lane % LANES)) + part.number);
-    prepare(s, hit, pair_on_ground(w, Q, p), Q, p);
+    prepare(s, pair_on_ground(w, Q, p), Q, p);
 }
 
 // Hits of the pairs of a slot.
@@ -268,24 +340,22 @@ FN void find_pair_hits(PairHits& found, const World& w, const Parameters& P, int
         const int taken = listed < lanes ? listed : lanes;
         unsigned short part = 0, next = 0;
         Search s;
-        Touch hit;
-        s.size = s.count = 0;
+        s.size = 0;
         SYNC_WARP();
-        if (lane < taken) part = all.listed[lane], prepare(s, hit, P, unpacked(part), l);
+        if (lane < taken) part = all.listed[lane], prepare(s, P, unpacked(part), l);
         if (lanes + lane < listed) next = all.listed[lanes + lane];
         SYNC_WARP();
         if (lanes + lane < listed) all.listed[lane] = next;
         listed -= taken;
-        const bool is_found = s.size > 0 || s.count > 0;
+        const bool is_found = s.size > 0;
         const unsigned votes = __ballot_sync(0xffffffffu, is_found);
         // In one place, as its code is long.
         if (count && (is_last || count + __popc(votes) > MOST_SEARCHES)) find_hits(found, all, P, count, lane, lanes), count = 0;
         if (is_last) break;
         const int k = count + __popc(votes & (1u << lane) - 1);
         if (is_found) {
-            s.ended = s.size == 0;
-            all.search[k] = s, all.part[k] = part, all.far[k] = false;
-            if (s.count) all.found[k][0].touch = hit;
+            all.search[k] = s, all.part[k] = part;
+            all.far[k] = all.is_listed[k] = false;
         }
         count += __popc(votes);
         SYNC_WARP();

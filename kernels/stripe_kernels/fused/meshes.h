@@ -25,6 +25,23 @@ struct alignas(16) MeshEdge {
     int geom, is_solid, none[2];
 };
 
+// Three numbers and an integer that lie together, in one load: lanes read records that are far apart.
+FN void load_four(float* numbers, int& integer, const float* from) {
+#ifdef __CUDACC__
+    asm("ld.global.nc.v4.b32 {%0, %1, %2, %3}, [%4];" : "=f"(numbers[0]), "=f"(numbers[1]), "=f"(numbers[2]), "=r"(integer) : "l"(from));
+#else
+    for (int k = 0; k < 3; k++) numbers[k] = from[k];
+    integer = *(const int*)(from + 3);
+#endif
+}
+FN MeshFace face_at(const Grid& g, int number) {
+    const MeshFace& f = ((const MeshFace*)g.things)[number];
+    MeshFace o;
+    load_four(o.normal, o.geom, f.normal), load_four(o.a, o.is_solid, f.a);
+    load_four(o.b, o.none1, f.b), load_four(o.c, o.none2, f.c);
+    return o;
+}
+
 #define MESH_DEPTH ((real)0.05)  // of a centre or a corner in a solid mesh, beyond the radius, that is still found [m]
 
 FN Vec in_mesh(const float* p, Vec geom) { return Vec{(real)p[0], (real)p[1], (real)p[2]} - geom; }
@@ -147,7 +164,7 @@ FN bool plane_touch(const Search& s, const MeshFace& f, Touch& hit) {
 // Candidates of a ball or a corner: faces. That nearest to a ball's centre tells where it is: inside of a solid it is the only
 // touch, and outside it may be farther away than what touches. It is told then if `far` faces are.
 FN bool face_touch(const Search& s, const Grid& g, int i, bool far, Touch& hit, real& order) {
-    const MeshFace& f = ((const MeshFace*)g.things)[item(s, g, i)];
+    const MeshFace f = face_at(g, item(s, g, i));
 #if SEARCHES_BOXES
     if (s.kind == CORNER_PART) return corner_touch(f, s, hit, order);
 #endif
@@ -224,6 +241,39 @@ FN bool mesh_touch(const Search& s, const Mesh& mesh, int candidate, PlaceBox bo
     if (s.kind == AXIS_PART) return edge_touch(s, mesh.edges, candidate, hit, order);
     return face_touch(s, mesh.faces, candidate, far, hit, order);
 }
+
+#if LIMBS
+// Whether a box around a point or a part of a geom, by `reach` larger, has a point of the bounds of some points.
+template <int N>
+FN bool meets_bounds(const float* const (&points)[N], Vec center, Vec half) {
+    for (int k = 0; k < 3; k++) {
+        const real at = k == 0 ? center.x : k == 1 ? center.y : center.z, by = k == 0 ? half.x : k == 1 ? half.y : half.z;
+        real low = points[0][k], high = low;
+        for (int i = 1; i < N; i++) low = smaller(low, points[i][k]), high = larger(high, points[i][k]);
+        if (low - at > by || at - high > by) return false;
+    }
+    return true;
+}
+
+// Whether a candidate of a part may touch, which takes less time to tell than whether it does: bounds are in reach.
+FN bool may_touch(const Search& s, const Mesh& mesh, int candidate, bool far) {
+    const real more = (real)1e-4;  // than rounding
+    const bool of_edges = s.kind == AXIS_PART || s.kind == BOX_PART;
+    if (of_edges) {
+        const MeshEdge& e = ((const MeshEdge*)mesh.edges.things)[item(s, mesh.edges, s.kind == BOX_PART ? candidate / 2 : candidate)];
+        const float* const ends[] = {e.a, e.b};
+        const real reach = s.radius + s.reach + more;
+        return meets_bounds(ends, s.geom, Vec{FABS(s.at.x) + reach, FABS(s.at.y) + reach, FABS(s.at.z) + reach});
+    }
+    const MeshFace f = face_at(mesh.faces, item(s, mesh.faces, candidate));
+    const real depth = s.radius + MESH_DEPTH, above = dot(s.at - in_mesh(f.a, s.geom), normal_of(f));
+    real reach = s.radius + s.reach;
+    if (s.kind == CORNER_PART || (f.is_solid && (far || above < 0))) reach = larger(reach, depth);
+    reach += more;
+    const float* const corners[] = {f.a, f.b, f.c};
+    return FABS(above) <= reach && meets_bounds(corners, s.geom + s.at, reach * Vec{1, 1, 1});
+}
+#endif
 
 // Whether a touch remains one beside the hits, see `remains`.
 template <class Hits>

@@ -31,7 +31,7 @@ FN void update_rows(World& w, int rows, int lane) {
 }
 
 // Solve A w.s = sign b, with b the field `right` and A = M + the sum of weight J' J of the rows.
-#if IN_REGISTERS
+#if IN_REGISTERS && !WRENCH_ROWS
 enum { ROWS_OF_LANE = (NV + LANES - 1) / LANES };  // of the matrix, in the registers of a lane
 
 // A = L D L'. Lane i has row i of A in registers, and row i + LANES where there are so many, of which the part up to the diagonal
@@ -81,6 +81,27 @@ ONE_COPY void solve(World& of, int rows, int contacts, real (World::*right)[NV],
     }
     SYNC();
 }
+#elif !IN_REGISTERS
+#if WRENCH_ROWS
+// Add the Hessian of the constraints.
+template <bool FITS>
+FN void add_constraints(World& w, int rows, int contacts, int lane) {
+    const int joint_rows = joint_rows_of<FITS>(w, rows, contacts);
+    EACH(i, NV)
+        for (int r = 0; r < joint_rows; r++)
+            if ((int)row_of<FITS>(w, r)[R_DOF] == i) w.H[i * LD + i] += row_of<FITS>(w, r)[R_WEIGHT];
+    for (int c = 0; c < contacts;) {
+        const Group g = group_of<FITS>(w, c, rows, contacts);
+        c = g.next;
+        add_up_stiffness<FITS>(w, g, lane);
+        EACH(i, NV) {
+            if (sign_of(g, i) == 0) continue;
+            const Spatial U = stiffness_times(w, sign_of(g, i) * load_spatial(w.S + 6 * i));
+            for (int j = 0; j <= i; j++)
+                if (sign_of(g, j) != 0) w.H[i * LD + j] += sign_of(g, j) * dot(load_spatial(w.S + 6 * j), U);
+        }
+    }
+}
 #else
 FN void add_weighted(World& w, const real* J, real D, int lane) {
     if (D != 0) EACH(i, NV) {
@@ -110,6 +131,7 @@ FN void add_surfaces(World& w, int contacts, int lane) {
     }
 }
 #endif
+#endif
 
 // By Cholesky's factorisation.
 template <bool FITS>
@@ -118,9 +140,13 @@ FN void solve(World& w, int rows, int contacts, real (World::*right)[NV], real s
     real* x = w.s;
     for (int i = 0; i < NV; i++) EACH(j, i + 1) w.H[i * LD + j] = w.M[i * LD + j];
     SYNC();
+#if WRENCH_ROWS
+    add_constraints<FITS>(w, rows, contacts, lane);
+#else
     for (int k = 0; k < rows; k++) add_weighted(w, row_of<FITS>(w, k), row_of<FITS>(w, k)[R_WEIGHT], lane);
 #if ELLIPTIC_CONES
     add_surfaces<FITS>(w, contacts, lane);
+#endif
 #endif
     SYNC();
     // Column by column: each lane computes its rows of the column from the columns before.
@@ -197,6 +223,7 @@ FN real line_search(const World& w, int rows, int contacts, real q1, real q2, re
     return low;
 }
 
+#if !(WRENCH_ROWS && IN_REGISTERS)
 // M x into `product`.
 FN void multiply(const World& w, const real* x, real* product, int lane) {
     EACH(i, NV) {
@@ -205,6 +232,7 @@ FN void multiply(const World& w, const real* x, real* product, int lane) {
         product[i] = sum;
     }
 }
+#endif
 
 // Accelerations w.a under the constraints, from those in w.a, and the forces of the rows. Returns the number of iterations.
 template <bool FITS>
@@ -222,11 +250,17 @@ FN int constrained_acceleration(World& w, int rows, int contacts, int lane) {
     for (;; iterations++) {
         update_rows<FITS>(w, rows, lane);
         real square = 0;
+#if WRENCH_ROWS
+        EACH(i, NV) w.g[i] = w.Ma[i] - w.smooth[i];
+        subtract_forces<FITS>(w, rows, contacts, lane);
+        EACH(i, NV) square += w.g[i] * w.g[i];
+#else
         EACH(i, NV) {
             real x = w.Ma[i] - w.smooth[i];
             for (int r = 0; r < rows; r++) x -= row_of<FITS>(w, r)[i] * row_of<FITS>(w, r)[R_F];
             w.g[i] = x, square += x * x;
         }
+#endif
         square = SUM(square);
         SYNC();
         if (iterations >= MAX_ITERATIONS || (iterations && scale * SQRT(square) < TOLERANCE)) break;
@@ -241,11 +275,15 @@ FN int constrained_acceleration(World& w, int rows, int contacts, int lane) {
         EACH(i, NV) q2 += w.s[i] * w.Ms[i];
         q1 = SUM(q1), q2 = SUM(q2), fall = SUM(fall);
         if (iterations && scale * fall < NOTHING) break;
+#if WRENCH_ROWS
+        multiply_rows<FITS>(w, w.s, rows, contacts, lane, [](real* o, real x) { o[R_JS] = x; });
+#else
         EACH(r, rows) {
             real* o = row_of<FITS>(w, r);
             o[R_JS] = product(o, w.s);
         }
         SYNC();
+#endif
         real step = 1;
         if (rows) {
 #if ELLIPTIC_CONES

@@ -87,7 +87,7 @@ FN void integrate(World& w, const Parameters& P, int lane) {
 template <bool FITS>
 FN int solve_constraints(World& w, int rows, int contacts, int lane) {
     contact_rows<FITS>(w, contacts, lane);
-    complete_rows<FITS>(w, rows, lane);
+    complete_rows<FITS>(w, rows, contacts, lane);
     return constrained_acceleration<FITS>(w, rows, contacts, lane);
 }
 COLD int solve_spilled(World& w, int rows, int contacts, int lane) {

@@ -7,6 +7,22 @@ namespace fused {
 // Of an elliptic contact's rows the first is its normal.
 enum RowKind { EQUALITY, FRICTION_LOSS, INEQUALITY, ELLIPTIC };
 
+#if WRENCH_ROWS
+// A row of the constraints, see wrench_rows.h.
+enum RowField {
+    R_WRENCH = 0,  // of a contact's row: torque and force
+    R_DOF = 0,     // of a joint's row: degree of freedom, sign and friction loss
+    R_SIGN,
+    R_LOSS,
+    R_D = 6,
+    R_E,
+    R_JS,
+    R_F,
+    R_WEIGHT,
+    R_KIND,
+    ROW_SIZE = 13,  // an odd number, so that few lanes that read a field share a bank of the shared memory
+};
+#else
 // A row of the constraints: its Jacobian, and ROW_SIZE - NV numbers.
 enum RowField {
     R_D = NV,       // 1/R
@@ -21,6 +37,7 @@ enum RowField {
     // memory.
     ROW_SIZE = 4 * ((R_KIND + 4) / 4 | 1),
 };
+#endif
 
 // Two bodies or sites that an equality connects at a point or welds together, see attachments.h.
 enum AttachmentField {
@@ -85,13 +102,31 @@ struct World {
             };
         };
         alignas(16) real rows[SHARED_ROWS * ROW_SIZE];  // from then on: the constraints, see RowField
+#if WRENCH_ROWS
+        struct {
+            alignas(16) real before_contacts[CONTACTS_AT];  // rows, or what is needed until contacts are known
+            real contacts[SHARED_CONTACTS * CONTACT_SIZE];  // see ContactField
+        };
+    };
+#else
     };
     alignas(16) real contacts[SHARED_CONTACTS * CONTACT_SIZE];  // see ContactField
+#endif
 #if NATTACHMENTS
     real attachments[NATTACHMENTS * ATTACHMENT_SIZE];  // see AttachmentField
 #endif
+#if WRENCH_ROWS
+    alignas(16) real stiffness[36];      // of a group of contacts
+#endif
     real* spill;                         // memory of the device for the rows and contacts beyond these
 };
+
+#if WRENCH_ROWS
+static_assert(__builtin_offsetof(World, contacts) >= __builtin_offsetof(World, near_pairs) + 4 * LANES, "contacts");
+#if HAS_SEARCHES
+static_assert(__builtin_offsetof(World, contacts) >= __builtin_offsetof(World, complete) + 2, "contacts");
+#endif
+#endif
 
 FN real* body_velocities(World& w) { return w.X; }  // after the steps: see `keep_velocity`
 // What joints are driven with in each step: in the device's memory, where the many lanes of a world read neighbouring numbers.
@@ -115,6 +150,7 @@ FN World& in_place(World& w) { return w; }
 struct alignas(16) Four {
     real x[4];
 };
+#if !WRENCH_ROWS
 // J x, with both aligned for fours.
 FN real product(const real* J, const real* x) {
     real sum = 0;
@@ -131,6 +167,7 @@ FN real product(const real* J, const real* x) {
 #endif
     return sum;
 }
+#endif
 
 #if IN_REGISTERS
 FN real mass_matrix(const World& w, int i, int j) { return i > j ? w.M[i * LD + j] : w.M[j * LD + i]; }

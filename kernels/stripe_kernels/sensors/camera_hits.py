@@ -25,21 +25,13 @@ from newton._src.geometry.raycast import (  # private: there is no public functi
 )
 
 from ..box_normals import box_normal
-from .camera_shapes import BOX, CAPSULE, CONE, CYLINDER, ELLIPSOID, PLANE, SPHERE, SeenShapes
+from .camera_shapes import BOX, CAPSULE, CONE, CYLINDER, ELLIPSOID, PLANE, SPHERE, MeshLevel, SeenShapes
 from .ray_shapes import RayTargets
 
-__all__ = ["HitFunctions", "MeshNormals", "PixelHit", "hit_functions"]
+__all__ = ["HitFunctions", "PixelHit", "hit_functions"]
 
 _NONE = wp.constant(-1)
 _INACTIVE = wp.constant(wp.uint32(0xFFFFFFFF))
-
-
-@wp.struct
-class MeshNormals:
-    """Normals of a mesh's vertices."""
-
-    normals: wp.array[wp.vec3]
-    """Normals, by vertex."""
 
 
 @wp.struct
@@ -66,7 +58,7 @@ class HitFunctions(NamedTuple):
             for a ray in the frame of the camera.
         tree_hit: ``(start, direction, skip, statics, hit)``: the nearer of ``hit`` and the static shapes of a tree, but
             for shape ``skip``, for a ray in the world.
-        listed_normal: ``(hit, shape, camera, start, direction, seen, smooth, meshes)``: unit normal in the world of the
+        listed_normal: ``(hit, camera, start, direction, seen, meshes)``: unit normal in the world of the
             listed shape that is hit, for a ray in the frame of the camera.
         tree_normal: ``(hit, otherwise, start, direction, statics, smooth, meshes)``: unit normal in the world of the
             static shape that is hit, else ``otherwise``.
@@ -93,10 +85,10 @@ def _local_ray(pose: wp.transform, scale: wp.vec3, is_mesh: bool, start: wp.vec3
 
 
 @wp.func
-def _mesh_normal(mesh: wp.uint64, smooth: int, meshes: wp.array[MeshNormals], hit: PixelHit) -> wp.vec3:
-    """Normal of a mesh in its own frame, before it is scaled: of the face, or of its vertices."""
-    if smooth >= 0:
-        normals = meshes[smooth].normals
+def _mesh_normal(mesh: wp.uint64, level: int, meshes: wp.array[MeshLevel], hit: PixelHit) -> wp.vec3:
+    """Normal of a mesh in its own frame, before it is scaled: of its vertices, or of the face."""
+    if level >= 0 and meshes[level].normals.shape[0] > 0:
+        normals = meshes[level].normals
         n0 = normals[wp.mesh_get_index(mesh, 3 * hit.face)]
         n1 = normals[wp.mesh_get_index(mesh, 3 * hit.face + 1)]
         n2 = normals[wp.mesh_get_index(mesh, 3 * hit.face + 2)]
@@ -262,19 +254,17 @@ def _normal_functions(
     @wp.func
     def listed_normal(
         hit: PixelHit,
-        shape: int,
         camera: wp.quat,
         start: wp.vec3,
         direction: wp.vec3,
         seen: SeenShapes,
-        smooth: wp.array[int],
-        meshes: wp.array[MeshNormals],
+        meshes: wp.array[MeshLevel],
     ) -> wp.vec3:
         turn, mesh = seen.turn[hit.slot], seen.mesh[hit.slot]
         normal = wp.vec3(0.0)
         if wp.static(has_meshes):
             if mesh != wp.uint64(0):
-                normal = _mesh_normal(mesh, smooth[shape], meshes, hit)
+                normal = _mesh_normal(mesh, seen.level[hit.slot], meshes, hit)
         if wp.static(has_primitives):
             if mesh == wp.uint64(0):
                 local, along = turn * start + seen.start[hit.slot], turn * direction
@@ -290,7 +280,7 @@ def _normal_functions(
         direction: wp.vec3,
         statics: RayTargets,
         smooth: wp.array[int],
-        meshes: wp.array[MeshNormals],
+        meshes: wp.array[MeshLevel],
     ) -> wp.vec3:
         shape = hit.shape
         if shape < 0:

@@ -8,11 +8,12 @@ memory. What no image needs is not in the kernel: ``picture_kernel`` makes one f
 import functools
 from typing import NamedTuple
 
+import newton
 import warp as wp
 
 from ..picture import Look, pack_color, shade
-from .camera_hits import MeshNormals, PixelHit, hit_functions
-from .camera_shapes import FIELD, PLANE, Lens, SeenShapes, linear_of
+from .camera_hits import PixelHit, hit_functions
+from .camera_shapes import FIELD, PLANE, Lens, MeshLevel, SeenShapes, linear_of
 from .ray_blocks import FieldHit, field_normal, march_blocks
 from .ray_field import RayField
 from .ray_shapes import RayTargets
@@ -116,16 +117,25 @@ def _by_field(shadowed: bool, field: RayField, blocks: wp.array2d[wp.vec2], star
     return march_blocks(field, blocks, start, to_sun, _SUN_AWAY).distance >= 0.0
 
 
+@wp.func
+def _shape_of_face(shape: int, level: int, face: int, meshes: wp.array[MeshLevel]) -> int:
+    """Shape that a slot shows: its own, or that of the part of its mesh which is hit."""
+    if level >= 0 and meshes[level].part.shape[0] > 0:
+        return shape + meshes[level].part[face]
+    return shape
+
+
 @functools.cache
 def picture_kernel(features: Features) -> wp.Kernel:
     """The kernel with some features; threads count tile by tile, picture by picture.
 
     Arguments: ``due``, ``tiles`` (in a row, in a picture), ``width``, ``height``, ``camera`` (poses, looking along -z),
     ``lens``, ``seen``, ``field``, ``blocks``, ``field_shape``, ``statics``, ``colors`` of shapes (sRGB), ``kinds`` of
-    shapes, ``smooth`` (by shape, its entry of ``meshes`` or -1), ``meshes``, ``look``, ``light``, ``casters`` (an empty
-    shadow map), ``out``.
+    shapes, ``smooth`` (of shapes in the tree: rows of ``meshes``, or -1), ``meshes``, ``look``, ``light``, ``casters``
+    (an empty shadow map), ``out``.
     """
     shaded = features.color or features.normals
+    named = shaded or features.shape
     listed_hit, tree_hit, listed_normal, tree_normal, is_shadowed = hit_functions(features.kinds)
 
     @wp.func
@@ -162,7 +172,7 @@ def picture_kernel(features: Features) -> wp.Kernel:
         colors: wp.array[wp.vec3],
         kinds: wp.array[int],
         smooth: wp.array[int],
-        meshes: wp.array[MeshNormals],
+        meshes: wp.array[MeshLevel],
         look: Look,
         light: CameraLight,
         casters: wp.array[float],
@@ -206,6 +216,8 @@ def picture_kernel(features: Features) -> wp.Kernel:
         shape = hit.shape
         if hit.slot >= 0:
             shape = seen.shape[hit.slot]
+            if wp.static(named and int(newton.GeoType.MESH) in features.kinds):
+                shape = _shape_of_face(shape, seen.level[hit.slot], hit.face, meshes)
         elif shape < 0 and ground.distance >= 0.0:
             shape = field_shape
         if shape < 0:
@@ -240,12 +252,15 @@ def picture_kernel(features: Features) -> wp.Kernel:
             if wp.static(features.tree):
                 normal = tree_normal(hit, normal, start_w, direction_w, statics, smooth, meshes)
             if hit.slot >= 0:
-                normal = listed_normal(hit, shape, turn, start, direction, seen, smooth, meshes)
+                normal = listed_normal(hit, turn, start, direction, seen, meshes)
             if wp.static(features.normals):
                 out.normals[env, row, col] = normal
             if wp.static(features.color):
                 albedo = wp.vec3(0.0)
-                if hit.slot >= 0:
+                own = hit.slot >= 0
+                if own:
+                    own = shape == seen.shape[hit.slot]
+                if own:
                     albedo = seen.albedo[hit.slot]
                 else:
                     rgb = colors[shape]

@@ -9,7 +9,7 @@ no tree of bounds has to follow the bodies, and most shapes cost a ray nothing b
 import newton
 import warp as wp
 
-__all__ = ["Lens", "SeenShapes", "linear_of", "list_shapes", "place_shapes"]
+__all__ = ["Lens", "MeshLevel", "SeenShapes", "linear_of", "list_shapes", "place_shapes"]
 
 PLANE = wp.constant(int(newton.GeoType.PLANE))
 SPHERE = wp.constant(int(newton.GeoType.SPHERE))
@@ -43,6 +43,20 @@ class Lens:
 
 
 @wp.struct
+class MeshLevel:
+    """A version of a mesh: as it is, or with fewer triangles."""
+
+    mesh: wp.uint64
+    """Id of the mesh."""
+    error: float
+    """Largest distance by which a vertex is not where it was, before the mesh is scaled [m]."""
+    normals: wp.array[wp.vec3]
+    """Normals of its vertices; empty for those of the faces."""
+    part: wp.array[int]
+    """Index of the shape that a face is of, less that of the slot; empty if all are of the slot's shape."""
+
+
+@wp.struct
 class SeenShapes:
     """Shapes that cameras may see, by slots: those of an environment in a row, and what all share in each of them."""
 
@@ -63,7 +77,11 @@ class SeenShapes:
     kind: wp.array[int]
     """``newton.GeoType`` of the shape."""
     mesh: wp.array[wp.uint64]
-    """Id of its mesh; 0 for a primitive."""
+    """Id of the version of its mesh that is drawn; 0 for a primitive."""
+    versions: wp.array[wp.vec2i]
+    """First and last row of its versions in the table of meshes, the finest first; -1 for a primitive."""
+    level: wp.array[int]
+    """Row of the version that is drawn; -1 for a primitive."""
     albedo: wp.array[wp.vec3]
     """Colour, linear RGB."""
     nearest: wp.array[float]
@@ -136,6 +154,8 @@ def place_shapes(
     body_pose: wp.array[wp.transform],
     scale: wp.array[wp.vec3],
     color: wp.array[wp.vec3],
+    meshes: wp.array[MeshLevel],
+    detail: float,
     seen: SeenShapes,
 ):
     """Compute where shapes are in the frames and pictures of the cameras; one thread a slot.
@@ -149,6 +169,8 @@ def place_shapes(
         body_pose: Poses of the bodies in the world [m].
         scale: Sizes of the shapes [m], shape ``(num_shapes,)``.
         color: Colours of the shapes, sRGB, shape ``(num_shapes,)``.
+        meshes: Versions of meshes.
+        detail: Largest distance by which a surface may move in the picture [px].
         seen: Output, everything but ``listed`` and ``count``.
     """
     slot = wp.tid()
@@ -209,6 +231,15 @@ def place_shapes(
         over = wp.vec3(1.0 / size[0], 1.0 / size[1], 1.0 / size[2])
         turn = wp.diag(over) * turn
         start = wp.cw_mul(over, start)
+        # The coarsest version whose error is too small to be seen from where the box is nearest.
+        largest = wp.max(wp.abs(size[0]), wp.max(wp.abs(size[1]), wp.abs(size[2])))
+        unseen = detail * wp.max(nearest, lens.near) / (wp.max(lens.fx, lens.fy) * largest)
+        versions = seen.versions[slot]
+        level = versions[0]
+        while level < versions[1] and meshes[level + 1].error <= unseen:
+            level += 1
+        seen.level[slot] = level
+        seen.mesh[slot] = meshes[level].mesh
     seen.turn[slot] = turn
     seen.start[slot] = start
 

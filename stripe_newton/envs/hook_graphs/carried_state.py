@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterable, Mapping
 
 import torch
 
-from .reachable import Path, Scan, all_in_place, assign, fast_slot, path_name, scan, size_of, storage_of, value_at
+from .reachable import Path, Scan, assign, fast_slot, path_name, scan, size_of, storage_of, value_at
 
 __all__ = ["CarriedState", "NotSteady", "moved_paths"]
 
@@ -46,7 +46,14 @@ def moved_paths(before: Scan, after: Scan) -> set[Path]:
 
 
 class CarriedState:
-    """The homes of all tensors that an environment's hooks reach."""
+    """The homes of all tensors that an environment's hooks reach.
+
+    Attributes:
+        homes: The home of each path.
+        places: Container, key and home of each path, of :func:`.reachable.fast_slot`.
+    """
+
+    places: list[tuple[object, str | int, torch.Tensor]]
 
     def __init__(self, env: object, skip: Collection[str], fixed: Iterable[torch.Tensor], moved: Collection[Path]):
         """Make homes, and bind the paths to them.
@@ -92,7 +99,7 @@ class CarriedState:
     def _find_holders(self) -> None:
         found = scan(self._env, self._skip)
         self._slots = {path: fast_slot(*found.holders[path]) for path in self.homes}
-        self._holders = [(*self._slots[path], home) for path, home in self.homes.items()]
+        self.places = [(*self._slots[path], home) for path, home in self.homes.items()]
         self._links = [(*fast_slot(holder, key), value) for holder, key, value in found.links]
         self._sizes = [(container, size_of(container)) for container, _ in found.contents]
 
@@ -120,9 +127,7 @@ class CarriedState:
 
     def replaced(self) -> str:
         """Name of a tensor that is not at its home, so that code outside the hooks has bound it; empty for none."""
-        if all_in_place(self._holders):
-            return ""
-        pairs = zip(self._holders, self.homes, strict=True)
+        pairs = zip(self.places, self.homes, strict=True)
         return next((path_name(path) for (holder, key, home), path in pairs if value_at(holder, key) is not home), "")
 
     def settle(self) -> set[Path]:

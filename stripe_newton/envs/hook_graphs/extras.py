@@ -10,7 +10,7 @@ import torch
 
 from .host_values import NotRecordable
 
-__all__ = ["Extras", "ExtrasMemory", "added_extras", "copy_extras", "publish_extras", "tensors_of"]
+__all__ = ["Extras", "ExtrasMemory", "added_extras", "copy_extras", "memory_like", "publish_extras", "tensors_of"]
 
 Extras = dict[str, Any]
 
@@ -58,8 +58,14 @@ class ExtrasMemory:
     graph may write there before the end of the step, when the extras are read.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, log_memory: Callable[[torch.Tensor], torch.Tensor]) -> None:
+        """Prepare.
+
+        Args:
+            log_memory: Makes memory like a tensor of the log, which is copied in every step.
+        """
         self.tensors: dict[str, torch.Tensor] = {}
+        self._log_memory = log_memory
 
     def reserve(self, added: Extras, path: str = "extras") -> None:
         """Allocate memory for the tensors of some extras. Call it outside of recordings."""
@@ -68,7 +74,7 @@ class ExtrasMemory:
             if isinstance(value, dict):
                 self.reserve(value, place)
             elif isinstance(value, torch.Tensor) and not _like(self.tensors.get(place), value):
-                self.tensors[place] = torch.empty_like(value, memory_format=torch.contiguous_format)
+                self.tensors[place] = (self._log_memory if path == "extras['log']" else memory_like)(value)
 
     def keep(self, added: Extras, stays: Callable[[torch.Tensor], bool], path: str = "extras") -> Extras:
         """Copy tensors to this memory, within a recording.
@@ -97,6 +103,11 @@ class ExtrasMemory:
             else:
                 kept[key] = value
         return kept
+
+
+def memory_like(value: torch.Tensor) -> torch.Tensor:
+    """Contiguous memory like a tensor, on its own."""
+    return torch.empty_like(value, memory_format=torch.contiguous_format)
 
 
 def _like(one: torch.Tensor | None, two: torch.Tensor) -> bool:

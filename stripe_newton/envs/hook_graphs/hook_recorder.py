@@ -10,6 +10,7 @@ from contextlib import AbstractContextManager, nullcontext
 import torch
 
 from .carried_state import CarriedState, NotSteady
+from .reachable import Places
 from .recorded_hook import RecordedHook
 from .recording_context import HookGraph, HooksEnv, RecordingContext
 
@@ -72,6 +73,10 @@ class HookRecorder:
         self._steps, self._attempts, self._next_check = 0, 0, 0
         self._within_step = self._checks_all = False
         self._joined: list[RecordedHook] = []
+        self._has_run = False
+        """Whether a hook has run in this step, rather than a graph that it is part of."""
+        self._steady: Places | None = None
+        """What must be where it was for recordings to hold; None after a hook has run, which may have changed that."""
         self._variants: Counter[int] = Counter()
 
     def add(
@@ -103,14 +108,28 @@ class HookRecorder:
         if self._stopped:
             return
         self._steps += 1
+        # In most steps nothing has been bound anew between steps, and one look says so.
+        if (self._steady is None or not self._steady.all_in_place()) and not self._is_as_recorded():
+            return
+        if self._joined and self._steps >= self._next_check:
+            self._checks_all = True
+            self._next_check = self._steps + min(max(self._steps, self.NEXT_CHECK), self.LONGEST)
+
+    def _is_as_recorded(self) -> bool:
+        """Look for what has been bound anew between steps, and have the hooks watched again that it concerns.
+
+        Returns:
+            Whether recordings of the tensors' places go on to hold.
+        """
+        self._steady = None
         if self._steps > self.WARM and self.context.carried is None and self._all_traced:
             self._make_homes()
         if self.context.carried is None:
-            return
+            return False
         replaced = self.context.carried.replaced()
         if replaced:
             self.start_again(f"{replaced} is bound to another tensor between steps")
-            return
+            return False
         try:
             for hook in self.hooks:
                 changed = hook.number_that_changed() if hook.traces and not hook.reason else ""
@@ -118,11 +137,11 @@ class HookRecorder:
                     hook.start_again(changed, self.ATTEMPTS)
         except NotSteady as error:
             self.start_again(str(error))
-            return
+            return False
         self._note_joined()
-        if self._joined and self._steps >= self._next_check:
-            self._checks_all = True
-            self._next_check = self._steps + min(max(self._steps, self.NEXT_CHECK), self.LONGEST)
+        watched = [place for hook in self.hooks if hook.traces and not hook.reason for place in hook.places]
+        self._steady = Places([*self.context.carried.places, *watched])
+        return True
 
     def end_step(self) -> None:
         """Note what the step has shown.
@@ -131,6 +150,9 @@ class HookRecorder:
             HookGraphError: if a hook stays eager and the config wants it recorded.
         """
         self._within_step = False
+        if not self._has_run:
+            return
+        self._has_run = False
         reasons = [f"{h.name}: {h.reason}" for h in self.hooks if h.reason]
         if self._required and reasons:
             raise HookGraphError(
@@ -150,6 +172,7 @@ class HookRecorder:
             padded: Number of a variant that may stand for this one and for others, while that gives the same; 0 if
                 there is none for this one, None if there is none for any.
         """
+        self._has_run, self._steady = True, None
         try:
             if not self._watches or hook.reason:
                 hook.run_eagerly()
@@ -212,6 +235,14 @@ class HookRecorder:
             hook.run_eagerly()
         if difference:
             hook.give_up_padding(difference)
+
+    def padded_recording(self, hook: RecordedHook, variant: int) -> HookGraph | None:
+        """The graph of a variant that stands for others, if that is what runs in this step; None otherwise."""
+        if hook.reason or hook.why_not_padded or not hook.traces or self._checks_all or not self._watches:
+            return None
+        if self.context.carried is None or hook.proofs[variant] < self.PROOFS:
+            return None
+        return hook.graph(variant)
 
     def _comes_often(self, variant: int, often: int) -> bool:
         if self._variants.total() >= self.WINDOW:
@@ -295,7 +326,7 @@ class HookRecorder:
             reason: Reason why hooks stay eager, if this happens too often.
         """
         self._attempts += 1
-        self.context.carried = None
+        self.context.carried = self._steady = None
         for hook in self.hooks:
             hook.discard_recordings()
         if self._stopped:

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import enum
+import operator
 import sys
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, is_dataclass
+from operator import itemgetter
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
@@ -19,8 +21,8 @@ from stripe_newton.noise import NoiseModel
 __all__ = [
     "NOTHING",
     "Path",
+    "Places",
     "Scan",
-    "all_in_place",
     "assign",
     "fast_slot",
     "path_name",
@@ -154,19 +156,39 @@ def fast_slot(holder: object, key: str | int) -> tuple[object, str | int]:
     return (own if is_attribute else holder), key
 
 
-def all_in_place(places: Iterable[tuple[Any, Any, object]]) -> bool:
-    """Whether each slot still holds a value: the very object. It runs in every step, so nothing is tried twice.
+class Places:
+    """Values at some places, to find out whether each is still there: the very object.
 
-    Args:
-        places: Container, key and value, of :func:`fast_slot`.
+    That is asked in every step, while the device may have nothing to do. So it is a few calls of C rather than a loop.
     """
-    try:
+
+    def __init__(self, places: Iterable[tuple[Any, Any, object]]):
+        """Note the values.
+
+        Args:
+            places: Container, key and value of each, of :func:`fast_slot`.
+        """
+        self._slow: list[tuple[Any, Any, object]] = []
+        by_container: dict[int, tuple[Any, list[Any], list[object]]] = {}
         for container, key, value in places:
-            if container[key] is not value:
-                return False
-    except (LookupError, TypeError):  # gone, or an object without a dict
-        return all(value_at(container, key) is value for container, key, value in places)
-    return True
+            if isinstance(container, (dict, list, tuple)):
+                _, keys, values = by_container.setdefault(id(container), (container, [], []))
+                keys.append(key)
+                values.append(value)
+            else:
+                self._slow.append((container, key, value))
+        # With one key a getter returns the value itself rather than a tuple: so the first key comes twice.
+        self._groups = [(c, itemgetter(k[0], *k), (v[0], *v)) for c, k, v in by_container.values()]
+
+    def all_in_place(self) -> bool:
+        """Whether each place still holds its value."""
+        try:
+            for container, values_of, values in self._groups:
+                if not all(map(operator.is_, values_of(container), values)):
+                    return False
+        except LookupError:  # it is gone
+            return False
+        return all(value_at(container, key) is value for container, key, value in self._slow)
 
 
 def _get(holder: object, key: str | int) -> object:

@@ -26,7 +26,7 @@ from .host_values import (
     location_of_name,
     short_location,
 )
-from .reachable import Path, Scan, all_in_place, fast_slot, path_name, scan, value_at
+from .reachable import Path, Scan, fast_slot, path_name, scan, value_at
 from .recording_context import HookGraph, Launched, RecordingContext, set_flags
 from .snapshot import Results, as_close_as_repeats, first_difference
 
@@ -81,12 +81,11 @@ class RecordedHook:
         self.proofs: Counter[int] = Counter()
         self._code = ExecutedCode()
         self._numbers: list[tuple[object, str | int, object, str]] = []
-        self._places: list[tuple[object, str | int, object]] = []
         self._attempts = 0
         self._function, self._context, self._method = function, context, method
         self._constants: dict[int, list[tuple[str, torch.Tensor]]] = {}
         self._graphs: dict[int, tuple[HookGraph, Launched]] = {}
-        self.extras_memory = ExtrasMemory()
+        self.extras_memory = ExtrasMemory(lambda value: context.log_memory(value))
         self.fusion = HookFusion(context.env.device, context.fused_envs)
         self._unsteady = 0
 
@@ -164,11 +163,14 @@ class RecordedHook:
         """Whether a variant has been recorded."""
         return variant in self._graphs
 
+    def graph(self, variant: int) -> HookGraph | None:
+        """The graph of a variant; None if it has not been recorded."""
+        return self._graphs[variant][0] if variant in self._graphs else None
+
     def discard_recordings(self) -> None:
         """Drop recordings and traces: the hook is watched again before it is recorded again."""
         self.traces, self.unchecked, self._unsteady = 0, self.CHECKS, 0
         self._numbers.clear()
-        self._places.clear()
         self._drop_graphs()
 
     def _drop_graphs(self) -> None:
@@ -271,7 +273,11 @@ class RecordedHook:
                 self._numbers.append((*fast_slot(*found.holders[path]), value, path_name(path)))
         for name, scope in self._code.global_numbers().items():
             self._numbers.append((scope, name, scope[name], name))
-        self._places = [place[:3] for place in self._numbers]
+
+    @property
+    def places(self) -> list[tuple[object, str | int, object]]:
+        """Container, key and value of each number that the hook may read."""
+        return [number[:3] for number in self._numbers]
 
     def number_that_changed(self) -> str:
         """Reason, with its place, if a number that the hook may read is not what it was when the hook was watched.
@@ -279,8 +285,6 @@ class RecordedHook:
         Raises:
             NotSteady: if it is a tensor now, which has no home yet.
         """
-        if all_in_place(self._places):
-            return ""
         for holder, key, value, name in self._numbers:
             now = value_at(holder, key)
             if isinstance(now, torch.Tensor):

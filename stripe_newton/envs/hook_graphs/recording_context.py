@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeAlias
 import torch
 
 from .carried_state import CarriedState
-from .extras import Extras, publish_extras
+from .extras import Extras, memory_like, publish_extras
 from .snapshot import Snapshot
 
 __all__ = ["HookGraph", "HooksEnv", "Launched", "RecordingContext", "set_flags"]
@@ -48,6 +48,7 @@ class RecordingContext:
         flags: Holder and name of the framework's own flags that a hook may set.
         carried: Homes of the tensors, once all hooks are traced.
         fused_envs: Number of environments, whose rows fused kernels compute; 0 to fuse nothing.
+        log_memory: Makes memory like a tensor of the log, outside of recordings.
     """
 
     env: HooksEnv
@@ -58,6 +59,7 @@ class RecordingContext:
     flags: list[tuple[object, str]] = field(default_factory=list)
     carried: CarriedState | None = None
     fused_envs: int = 0
+    log_memory: Callable[[torch.Tensor], torch.Tensor] = memory_like
 
     def snapshot(self) -> Snapshot:
         """Copy of all that hooks can change."""
@@ -92,6 +94,10 @@ class Launched:
         """Publish the extras and set the flags."""
         publish_extras(self.env.extras, self.extras)
         set_flags(self.flags)
+
+    def parts(self) -> list[Callable[[], None]]:
+        """This, for the list of what the host does; an empty list if it does nothing."""
+        return [self] if self.extras or self.flags else []
 
     def log_tensors(self) -> dict[str, torch.Tensor]:
         """Numbers that the hook adds to the episode log, by key, in memory that each replay overwrites."""

@@ -59,11 +59,7 @@ NAMES: dict[str, Table] = {
         "Hydra's form of spaces is not supported; use the options of the command line",
         "replace_env_cfg_spaces_with_strings replace_strings_with_env_cfg_spaces sample_space",
     ),
-    "isaaclab.sensors": refused(
-        _SENSOR,
-        """CameraData ContactSensorData FrameTransformerData ImuData MultiMeshRayCasterCameraCfg
-        MultiMeshRayCasterCfg RayCasterCamera RayCasterCameraCfg""",
-    ),
+    "isaaclab.sensors": refused(_SENSOR, "CameraData ContactSensorData FrameTransformerData ImuData"),
     "isaaclab.sim": inert(
         "these options are of PhysX and have no effect", "PhysxCfg RenderCfg FixedTendonPropertiesCfg"
     )

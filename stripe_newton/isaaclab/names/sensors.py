@@ -14,9 +14,14 @@ NAMES: dict[str, Table] = {
         FrameTransformerCfg Imu ImuCfg OffsetCfg RayCaster RayCasterCfg save_images_to_file""",
     )
     | dialect(
+        "ray_cameras",
+        """MultiMeshRayCaster MultiMeshRayCasterCamera MultiMeshRayCasterCameraCfg MultiMeshRayCasterCfg RayCasterCamera
+        RayCasterCameraCfg""",
+    )
+    | dialect(
         "wxyz_data",
         """CameraData=WxyzData ContactSensorData=WxyzData FrameTransformerData=WxyzData ImuData=WxyzData
-        RayCasterData=WxyzData""",
+        RayCasterData=WxyzData MultiMeshRayCasterCameraData=WxyzData MultiMeshRayCasterData=WxyzData""",
     )
     | same("stripe_newton.sensors", "SensorBase SensorBaseCfg"),
     "isaaclab.sensors.camera.utils": dialect(

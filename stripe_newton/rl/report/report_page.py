@@ -8,6 +8,7 @@ import html
 import json
 import math
 import os
+import re
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -201,11 +202,12 @@ class _Page:
                 x, y = thin(run.log.x[self._x], run.log.columns[column])
                 lines.append(Line(x, y, number % len(COLORS)))
         name = html.escape(column.partition("/")[2] or column)
+        breakable = re.sub("([/_])", r"\1<wbr>", name)  # lines of long names end there rather than within a word
         last = " | ".join(format_number(run.last(column)) for run in self._runs)
         number = len(self._curves)
         self._curves.append([{"x": _json_numbers(line.x), "y": _json_numbers(line.y)} for line in lines])
         return (
-            f'<figure data-chart="{number}" data-column="{html.escape(column)}"><figcaption><span>{name}</span>'
+            f'<figure data-chart="{number}" data-column="{html.escape(column)}"><figcaption><span>{breakable}</span>'
             f'<span class="now">{last}</span></figcaption>{chart_svg(lines, name)}</figure>'
         )
 

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checkpoint files: written whole or not at all, read without running code; and states of random generators."""
+"""Checkpoint files: written whole or not at all, read without running code; and states of random generators.
+
+Networks and optimiser are as torch writes them, so that other programs can read them. Tensors of the training's state
+are compressed (:mod:`.packed_tensors`): with thousands of environments they are most of the file.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,7 @@ import struct
 import warnings
 import zipfile
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, TypedDict, cast
 
 import numpy as np
 import torch
@@ -23,6 +27,8 @@ from torch.types import Storage
 from stripe_newton.input_files import why_no_file
 from stripe_newton.rl.errors import CheckpointError, CheckpointWriteError
 from stripe_newton.value_types import NonNegativeInt, mismatches, short
+
+from .packed_tensors import pack_tensors, unpack_tensors
 
 __all__ = [
     "CheckpointData",
@@ -38,6 +44,8 @@ __all__ = [
     "to_bytes",
 ]
 
+_STATE = "stripe_newton"
+"""Key of the part that is compressed."""
 _MUCH = 1e9
 """Size of all checkpoints of a run from which on it is reported [bytes]."""
 
@@ -80,7 +88,7 @@ def save_checkpoint(data: CheckpointData, path: str | os.PathLike) -> None:
     path = Path(path)
     # Into memory first: a message about a full disk can then say how much room it needs.
     buffer = io.BytesIO()
-    torch.save(data, buffer)
+    torch.save(data | {_STATE: pack_tensors(data[_STATE])} if _STATE in data else data, buffer)
     content = buffer.getbuffer()
     # Another name until all is on the disk. Renaming replaces the old file at once, even if the process is killed.
     part = path.with_name(path.name + ".part")
@@ -111,7 +119,7 @@ def describe_checkpoint_size(path: Path, data: CheckpointData, more: int) -> str
     total, free = more * size, shutil.disk_usage(path.parent).free
     if total < min(free, _MUCH):
         return ""
-    state = tensor_bytes(data.get("stripe_newton"))
+    state = size - tensor_bytes({name: part for name, part in data.items() if name != _STATE})
     each = f"{size / 1e6:.1f} MB each, {state / 1e6:.1f} of them the state of the environments"
     text = f"checkpoints: {each}; {more} more take {total / 1e9:.1f} GB (agent.save_interval sets how many)"
     return text if total < free else f"warning: {text}, but {free / 1e9:.1f} GB are free in {path.parent}"
@@ -205,19 +213,35 @@ def load_checkpoint(path: str | os.PathLike, device: str | torch.device = "cpu")
         )
     if wrong := list(mismatches(data, _Contents)):
         raise CheckpointError(f"{path}: has wrong contents: {'; '.join(wrong[:3])}")
-    return data
+    try:
+        return data | {_STATE: unpack_tensors(data[_STATE], device, path.stat().st_size)} if _STATE in data else data
+    except ValueError as error:
+        raise CheckpointError(f"{path}: '{_STATE}': {error}") from None
 
 
 def to_bytes(data: object) -> torch.Tensor:
-    """Serialise a rank's part of a checkpoint as a tensor of bytes, uint8 ``(bytes,)``."""
+    """Serialise a rank's part of a checkpoint as a tensor of bytes, uint8 ``(bytes,)``, with large tensors packed."""
     buffer = io.BytesIO()
-    torch.save(data, buffer)
+    torch.save(pack_tensors(data), buffer)
     return torch.frombuffer(bytearray(buffer.getbuffer()), dtype=torch.uint8)
 
 
 def from_bytes(content: torch.Tensor, device: str | torch.device = "cpu") -> CheckpointData:
-    """Read what :func:`to_bytes` made; tensors from a GPU go to ``device``."""
-    return _load(io.BytesIO(content.cpu().numpy().tobytes()), device)
+    """Read what :func:`to_bytes` made; tensors from a GPU go to ``device``.
+
+    Raises:
+        ValueError: if it is damaged.
+    """
+    file = io.BytesIO(content.cpu().numpy().tobytes())
+    try:
+        with zipfile.ZipFile(file) as archive:
+            damage = _damage_of_zip(archive, content.numel())
+    except zipfile.BadZipFile:
+        damage = "is damaged or cut short"
+    if damage:
+        raise ValueError(f"the state of a rank {damage}")
+    file.seek(0)
+    return cast(CheckpointData, unpack_tensors(_load(file, device), device, content.numel()))
 
 
 def _load(source: Path | io.BytesIO, device: str | torch.device) -> CheckpointData:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import signal
 import threading
@@ -63,6 +64,15 @@ def leave_terminal() -> None:
     """Send the output of this process nowhere, if it goes to a terminal."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     for descriptor in (1, 2):
-        if os.isatty(descriptor):
+        if os.isatty(descriptor) or _is_closed_terminal(descriptor):
             os.dup2(nowhere, descriptor)
     os.close(nowhere)
+
+
+def _is_closed_terminal(descriptor: int) -> bool:
+    """Whether a descriptor is that of a terminal that was closed, which is no terminal for ``os.isatty``."""
+    try:
+        os.get_terminal_size(descriptor)
+    except OSError as error:
+        return error.errno == errno.EIO
+    return False

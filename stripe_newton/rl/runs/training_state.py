@@ -24,7 +24,14 @@ from .run_logger import LoggerState
 if TYPE_CHECKING:
     from stripe_newton.rl.runner import OnPolicyRunner
 
-__all__ = ["TrainingState", "gather_state", "restore_normalization", "restore_state", "set_learning_rate"]
+__all__ = [
+    "TrainingState",
+    "gather_state",
+    "restore_normalization",
+    "restore_progress",
+    "restore_state",
+    "set_learning_rate",
+]
 
 _PROGRESS_ARRAYS = ("step", "parameters", "int_parameters")
 """Arrays of the managers' context that belong to no single environment: the clock, and the parameters of the terms,
@@ -122,6 +129,27 @@ def restore_state(
         raise CheckpointError(f"{path}: lacks {error}, was it written by another version?") from None
     except (ValueError, RuntimeError, TypeError, AttributeError, IndexError, OverflowError) as error:
         raise CheckpointError(f"{path}: does not fit this environment: {error}") from error
+
+
+def restore_progress(runner: OnPolicyRunner, steps: int) -> None:
+    """Go on after a number of steps with the networks and the optimiser alone, which have been loaded.
+
+    Episodes start anew, clocks of curricula go on, and the learning rate is the optimiser's.
+
+    Args:
+        runner: The runner.
+        steps: Steps that each environment has made.
+    """
+    inner = rl_env_of(runner.env.unwrapped)
+    if inner is not None:
+        inner.common_step_counter = steps
+        for name in _PROGRESS_ARRAYS[:1]:
+            if name in inner.context.arrays:
+                wp.to_torch(inner.context.arrays[name]).fill_(steps)
+    if runner.agent_cfg.init_at_random_ep_len:
+        lengths = runner.env.episode_length_buf
+        runner.env.episode_length_buf = torch.randint_like(lengths, high=int(runner.env.max_episode_length))
+    set_learning_rate(runner.alg, runner.alg.optimizer.param_groups[0]["lr"])
 
 
 def _state_of_rank(state: TrainingState, runner: OnPolicyRunner) -> TrainingState:

@@ -28,6 +28,10 @@ _ASPECT = 1.2
 """Width over height of the usual window beside its panels."""
 _FPS = 30.0
 _MOST_FRAMES = 60
+_BETWEEN_LOOKS = 0.2
+"""Time between two looks at what is in front of the camera [s]."""
+_BEHIND_WALL = 0.05
+"""Distance behind a wall from which a camera draws what is there [m]."""
 
 
 class CameraControl:
@@ -58,6 +62,9 @@ class CameraControl:
                 "Turn with it", cfg.origin_type == "asset_heading", visible=self._body is not None,
                 hint="Keep the same side of the robot in view",
             )  # fmt: skip
+            self.see_through = gui.add_checkbox(
+                "See through", True, hint="Leave out walls between the camera and what it looks at"
+            )
             self.fov = gui.add_slider("Field of view", 10, 100, 1, round(cfg.fov), hint="Vertical [deg]")
             self.frame_button = gui.add_button("Frame", icon="focus-centered", hint="Back to the first view")
         inbox.on_click(self.frame_button, self.frame)
@@ -67,6 +74,7 @@ class CameraControl:
         """Where the world is in the scene."""
         self._yaw, self._last_picture = 0.0, time.monotonic()
         self._last_point: np.ndarray | None = None
+        self._next_look = 0.0
         self._turner = Follower(4.0 * cfg.follow_time, jump=1.0e9)
         self._eye, self._target = np.array([3.0, -3.0, 2.0]), np.zeros(3)
         self.radius = 1.0
@@ -102,6 +110,7 @@ class CameraControl:
         points = scene.model.bounds(copy)
         middle = points.mean(axis=0) if len(points) else np.zeros(3)
         self.radius = float(np.linalg.norm(points - middle, axis=1).max(initial=0.0)) or 1.0
+        self.see_through.visible = not scene.sight_line.is_free
         anchor = self._anchor(scene, env_id)
         self._start_following(anchor)
         if cfg.eye is not None and cfg.lookat is not None:
@@ -116,7 +125,25 @@ class CameraControl:
         camera = self._server.initial_camera
         camera.position, camera.look_at = _triple(self._eye), _triple(self._target)
         camera.up, camera.fov = (0.0, 0.0, 1.0), math.radians(cfg.fov)
-        camera.near, camera.far = min(0.05, 0.05 * self.radius), 2000.0
+        camera.near, camera.far = self._near, 2000.0
+
+    @property
+    def _near(self) -> float:
+        """Distance from which everything is drawn, where nothing is in between [m]."""
+        return min(0.05, 0.05 * self.radius)
+
+    def look_through(self, scene: LiveScene) -> None:
+        """Leave out what is between each browser's camera and what it looks at, such as the wall of a room."""
+        now = time.monotonic()
+        if now < self._next_look:
+            return
+        self._next_look = now + _BETWEEN_LOOKS
+        for client in self._server.get_clients().values():
+            blocked = 0.0
+            if self.see_through.value:
+                eye, target = self.to_world(client.camera.position), self.to_world(client.camera.look_at)
+                blocked = scene.sight_line.blocked_until(eye, target)
+            client.camera.near = blocked + _BEHIND_WALL if blocked else self._near
 
     def frame(self) -> None:
         """Give all browsers the first view of the chosen environment, with the first field of view."""

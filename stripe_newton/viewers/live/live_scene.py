@@ -16,9 +16,11 @@ from stripe_newton.viewers.display_model import DisplayModel
 from stripe_newton.viewers.poses import compose, wxyz
 from stripe_newton.viewers.viewed_simulation import ViewedSimulation
 
+from .closed_mesh import is_closed
 from .glb_file import glb_of
 from .merged_field import merged_field
 from .scenery_files import foliage_file, ground_file, has_colors
+from .sight_line import SightLine
 from .view_frame import VIEW, WORLD, ViewFrame
 
 if TYPE_CHECKING:
@@ -99,6 +101,8 @@ class LiveScene:
         self.batches: list[ShapeBatch] = []
         self.grounds: list[np.ndarray] = []
         """Poses of endless planes, which are left to the backdrop."""
+        self.sight_line = SightLine()
+        """What does not move and may be between a camera and what it looks at."""
         self._add_batches()
         self._moving = _Placed([batch for batch in self.batches if batch.moves])
         self._fixed = _Placed([batch for batch in self.batches if not batch.moves and batch.is_in_view])
@@ -202,6 +206,8 @@ class LiveScene:
                 [True, True, kind == int(newton.GeoType.SPHERE)], 1.0 - _THINNER * rank[:, None], 1
             )
         poses = _world_poses(self.body_q, bodies, local)
+        if not (bodies >= 0).any():
+            self.sight_line.add(vertices, faces, sizes, poses)
         args: dict[str, object] = {
             "batched_positions": poses[:, :3].astype(np.float32),
             "batched_wxyzs": wxyz(poses[:, 3:]),
@@ -213,8 +219,10 @@ class LiveScene:
         if glb is not None:
             handle: viser.BatchedMeshHandle | viser.BatchedGlbHandle = scene.add_batched_glb(node, glb, **args)
         else:
-            # Single sheets of triangles, as scanned grounds have them, are seen from both sides.
-            args["side"] = "double" if kind in (int(newton.GeoType.MESH), int(newton.GeoType.PLANE)) else "front"
+            # Single sheets of triangles, as scanned grounds have them, are seen from both sides. On what is drawn from
+            # both sides a browser's shadows have stripes, so solids, such as walls, are not.
+            is_sheet = kind == int(newton.GeoType.MESH) and not is_closed(vertices, faces)
+            args["side"] = "double" if is_sheet or kind == int(newton.GeoType.PLANE) else "front"
             # The corners of a terrain belong to faces of all directions.
             args["flat_shading"] = kind == int(newton.GeoType.HFIELD)
             handle = scene.add_batched_meshes_simple(node, vertices, faces, batched_colors=linear_bytes(colors), **args)

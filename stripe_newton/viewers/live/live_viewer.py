@@ -105,6 +105,8 @@ class LiveViewer:
         self._cfg.validate()
         shown = range(min(self._sim.num_envs, _MOST_AT_FIRST)) if env_ids is None else env_ids
         self._interval, self._next_look = 1.0 / fps, 0.0
+        self._is_seen = False
+        """Whether a browser has been connected since before the last picture."""
         self._outside: TokenServer | None = None
         # The port that was asked for is the token server's, where there is one.
         self._server = serve(port if host in LOOPBACK else free_port(), title or "stripe-newton")
@@ -306,9 +308,13 @@ class LiveViewer:
         self.inbox.run()
         self._tell_problems()
         now = time.monotonic()
+        self._is_seen &= self.has_clients()
         if not self.has_clients() or (now < self._next_look and not at_once):
             return
         self._next_look = now + self._interval
+        if not self._is_seen and self.plots is not None:
+            self.plots.clear()  # nothing was read while nobody looked: a line across that time would be wrong
+        self._is_seen = True
         if at_once or self._pace.is_ready():
             self._draw()
         elif (plots := self.plots) is not None:  # a slow browser gets few pictures, but whole curves
@@ -325,6 +331,7 @@ class LiveViewer:
             frame = self.camera.view_frame
             self.scene.place(frame)
             self._backdrop.update(frame)
+            self.camera.look_through(self.scene)
             for name, update in self._panels.items():
                 self._try(name, update)
         self._pace.count_picture(self.camera.fov_rad)

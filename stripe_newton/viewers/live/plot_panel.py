@@ -54,17 +54,28 @@ class Plot:
         self._times: deque[float] = deque(maxlen=_POINTS)
         self._rows: deque[list[float]] = deque(maxlen=_POINTS)
         self._curves: list[str] = []
-        inbox.on_change(self.choice, lambda _: self.clear())
+        self._charted: list[str] = []
+        """Names of the curves that the chart was made for."""
+        inbox.on_change(self.choice, lambda _: self._choose())
 
     @property
     def name(self) -> str | None:
         """The chosen signal; None for none."""
         return None if self.choice.value == _OFF else str(self.choice.value)
 
+    def _choose(self) -> None:
+        """Begin anew, with another signal or none."""
+        self.clear()
+        self._remove_chart()
+
     def clear(self) -> None:
-        """Begin the curves anew."""
+        """Begin the curves anew. The chart stays, as a browser may still be told of its values."""
         self._times.clear()
         self._rows.clear()
+        if self.chart is not None:
+            self.chart.data = (np.zeros(0),) * (1 + len(self._charted))
+
+    def _remove_chart(self) -> None:
         if self.chart is not None:
             self.chart.remove()
             self.chart = None
@@ -91,9 +102,11 @@ class Plot:
         """Show the curves."""
         if self.name is None or len(self._times) < 2:
             return
-        if self.chart is not None:
+        if self.chart is not None and self._charted == self._curves:
             self.chart.data = self.data()
             return
+        self._remove_chart()
+        self._charted = self._curves
         series: list[viser.uplot.Series] = [{"label": "t [s]"}]
         series += [
             {"label": name, "stroke": _COLORS[k % len(_COLORS)], "width": 1.5, "points": {"show": False}}

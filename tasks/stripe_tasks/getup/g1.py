@@ -2,7 +2,10 @@
 """Recovery of Unitree's G1 from falls: ``Stripe-Getup-Flat-G1-v0``.
 
 An episode begins with the robot dropped in any orientation and pose. Rewards follow those of MuJoCo Playground's getup
-tasks: height and uprightness, and once the robot is up its pose and stillness.
+tasks: height and uprightness, and once the robot is up its pose and stillness. The height is that of the head, as in
+HoST (Huang et al. 2025): with the height of the waist, and uprightness that does not tell up from down, robots learn to
+stand on their heads. As in HoST, a force lifts robots that do not get up by themselves
+(:mod:`stripe_tasks.getup.assistance`), and actions reach further than those of walking.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ import math
 from stripe_newton.configclass import configclass
 from stripe_newton.envs import ManagerBasedRLEnvCfg, mdp
 from stripe_newton.managers import (
+    CurriculumTermCfg,
     EventTermCfg,
     ObservationGroupCfg,
     ObservationTermCfg,
@@ -19,6 +23,7 @@ from stripe_newton.managers import (
     SceneEntityCfg,
     TerminationTermCfg,
 )
+from stripe_newton.rl import RslRlMLPModelCfg
 from stripe_newton.sim import MuJoCoSolverCfg, RigidBodyMaterialCfg, SimulationCfg
 from stripe_newton.viewers import ViewerCfg
 from stripe_tasks.published_robots import G1_DRIVES, action_scale, g1_cfg
@@ -26,14 +31,18 @@ from stripe_tasks.robot_scene import RobotSceneCfg
 from stripe_tasks.success import SuccessManagerCfg
 from stripe_tasks.velocity.manager_based import VelocityPPORunnerCfg, noise
 
-from . import terms
+from . import assistance, terms
 
 __all__ = ["GetupEnvCfg", "GetupPPORunnerCfg"]
 
 TORSO = SceneEntityCfg("robot", body_names="torso_link")
-HEIGHT = 0.80
-"""Height of the torso's frame in the default pose, in which the root is at 0.76 [m]."""
-UP = {"asset_cfg": TORSO, "least_height": 0.65}
+HEAD = {"asset_cfg": TORSO, "length": 0.45, "target_height": 1.2}
+"""Place of the head above the torso's frame, which is at the waist, and its height when the robot stands [m]."""
+LEAST_HEIGHT, LARGEST_TILT = 0.65, math.radians(20.0)
+"""Height of the torso's frame [m] and tilt of the root [rad] of a robot that stands; by default the former is 0.80."""
+UP = {"asset_cfg": TORSO, "least_height": LEAST_HEIGHT}
+REACH = 2.0
+"""Scale of actions in multiples of that for walking: legs fold and arms push further."""
 
 
 @configclass
@@ -50,10 +59,11 @@ class PolicyCfg(ObservationGroupCfg):
 
 @configclass
 class CriticCfg(PolicyCfg):
-    """The same without noise, and the height and velocity of the root."""
+    """The same without noise, and the height and velocity of the root, and how much the robot is lifted."""
 
     base_pos_z: ObservationTermCfg = ObservationTermCfg(func=mdp.base_pos_z)
     base_lin_vel: ObservationTermCfg = ObservationTermCfg(func=mdp.base_lin_vel)
+    assistance: ObservationTermCfg | None = ObservationTermCfg(func=assistance.assistance_level)
     enable_corruption: bool = False
 
 
@@ -70,7 +80,10 @@ class ActionsCfg:
     """Actions: positions of the joints, relative to the default pose."""
 
     joint_pos: mdp.JointPositionActionCfg = mdp.JointPositionActionCfg(
-        asset_name="robot", joint_names=[".*"], scale=action_scale(G1_DRIVES), use_default_offset=True
+        asset_name="robot",
+        joint_names=[".*"],
+        scale={joints: REACH * scale for joints, scale in action_scale(G1_DRIVES).items()},
+        use_default_offset=True,
     )
 
 
@@ -78,16 +91,25 @@ class ActionsCfg:
 class RewardsCfg:
     """Rewards for being up and upright, and then for standing still, less costs of rough motion."""
 
-    torso_height: RewardTermCfg = RewardTermCfg(
-        func=terms.body_height_exp, weight=2.0, params={"asset_cfg": TORSO, "target_height": HEIGHT, "std": 0.4}
-    )
-    upright: RewardTermCfg = RewardTermCfg(func=mdp.upright, weight=1.0, params={"asset_cfg": TORSO, "std": 0.7})
+    rising: RewardTermCfg = RewardTermCfg(func=terms.head_height, weight=1.0, params=HEAD)
+    head_height: RewardTermCfg = RewardTermCfg(func=terms.head_height_exp, weight=2.0, params={**HEAD, "std": 0.4})
+    upright: RewardTermCfg = RewardTermCfg(func=terms.uprightness, weight=1.0, params={"asset_cfg": TORSO})
     posture: RewardTermCfg = RewardTermCfg(func=terms.posture_standing_exp, weight=1.0, params={**UP, "std": 0.5})
     stand_still: RewardTermCfg = RewardTermCfg(func=terms.joint_vel_standing_exp, weight=1.0, params={**UP, "std": 2.0})
-    action_rate_l2: RewardTermCfg = RewardTermCfg(func=mdp.action_rate_l2, weight=-0.01)
+    action_rate_l2: RewardTermCfg = RewardTermCfg(func=mdp.action_rate_l2, weight=-0.002)
     joint_pos_limits: RewardTermCfg = RewardTermCfg(func=mdp.joint_pos_limits, weight=-0.5)
     joint_torques_l2: RewardTermCfg = RewardTermCfg(func=mdp.joint_torques_l2, weight=-1.0e-5)
     joint_acc_l2: RewardTermCfg = RewardTermCfg(func=mdp.joint_acc_l2, weight=-2.5e-7)
+
+
+@configclass
+class CurriculumCfg:
+    """Curriculum: the cost of changes of actions grows tenfold from the 400th to the 1000th iteration."""
+
+    action_rate: CurriculumTermCfg | None = CurriculumTermCfg(
+        func=mdp.modify_term_cfg,
+        params={"address": "rewards.action_rate_l2.weight", "value": -0.02, "start_step": 9600, "num_steps": 24000},
+    )
 
 
 @configclass
@@ -127,7 +149,8 @@ class EventsCfg:
 class GetupEnvCfg(ManagerBasedRLEnvCfg):
     """G1 that gets up: 93 observations, 29 joint positions, episodes of 6 s.
 
-    An episode is a success where the robot stands at its end: the torso above 0.65 m, the root within 20 degrees.
+    An episode is a success where the robot stands at its end without help: the torso's frame, at the waist, above
+    0.65 m, and the root within 20 degrees.
     """
 
     decimation: int = 4
@@ -150,8 +173,12 @@ class GetupEnvCfg(ManagerBasedRLEnvCfg):
     rewards: RewardsCfg = RewardsCfg()
     terminations: TerminationsCfg = TerminationsCfg()
     events: EventsCfg = EventsCfg()
+    curriculum: CurriculumCfg = CurriculumCfg()
     managers = {
-        "success": SuccessManagerCfg(func=terms.stands, params={**UP, "largest_tilt": math.radians(20.0)}),
+        "assistance": assistance.AssistanceManagerCfg(
+            body_name="torso_link", least_height=LEAST_HEIGHT, largest_tilt=LARGEST_TILT
+        ),
+        "success": SuccessManagerCfg(func=assistance.stands_unassisted, params={**UP, "largest_tilt": LARGEST_TILT}),
     }
 
     def __post_init__(self) -> None:
@@ -163,4 +190,9 @@ class GetupPPORunnerCfg(VelocityPPORunnerCfg):
     """PPO for getting up."""
 
     experiment_name: str = "getup_flat_g1"
-    max_iterations: int = 1000
+    max_iterations: int = 1500
+
+    def __post_init__(self) -> None:
+        # The usual spread and entropy make robots thrash about for longer than it takes to learn to get up.
+        self.algorithm.entropy_coef = 0.005
+        self.actor.distribution_cfg = RslRlMLPModelCfg.GaussianDistributionCfg(init_std=0.6)

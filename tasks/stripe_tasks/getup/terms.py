@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Getup terms: how high the body is, and how still and straight a robot stands once it is up."""
+"""Getup terms: how high and upright a body is, and how still and straight a robot stands once it is up."""
 
 import warp as wp
 
 from stripe_kernels.data import ArticulationData
-from stripe_kernels.mdp import frames
 
-__all__ = ["body_height_exp", "joint_vel_standing_exp", "posture_standing_exp", "stands"]
+__all__ = ["head_height", "head_height_exp", "joint_vel_standing_exp", "posture_standing_exp", "uprightness"]
 
 
 @wp.func
@@ -16,15 +15,46 @@ def _height(env: int, robot: ArticulationData, body: int) -> float:
 
 
 @wp.func
-def body_height_exp(
-    env: int, robot: ArticulationData, body_ids: wp.array[int], target_height: float, std: float
-) -> float:
-    """Nearness of a body to the height at which it is when the robot stands, from 0 to 1; higher is no worse.
+def _head_height(env: int, robot: ArticulationData, body: int, length: float) -> float:
+    """Height of the point that is so far along the z axis of a body's frame, above the environment's origin [m]."""
+    up = wp.quat_rotate(wp.transform_get_rotation(robot.body_pose[env, body]), wp.vec3(0.0, 0.0, 1.0))
+    return _height(env, robot, body) + length * up[2]
 
-    Formula: ``exp(-max(target_height - z, 0)^2 / std^2)``.
+
+@wp.func
+def head_height(
+    env: int, robot: ArticulationData, body_ids: wp.array[int], length: float, target_height: float
+) -> float:
+    """Height of the head as a share of that when the robot stands, from 0 to 1.
+
+    The head is the point at ``length`` on the z axis of a body, so that a robot that stands on its head gains nothing.
+
+    Formula: ``clamp(z / target_height, 0, 1)``.
     """
-    lacking = wp.max(target_height - _height(env, robot, body_ids[0]), 0.0)
+    return wp.clamp(_head_height(env, robot, body_ids[0], length) / target_height, 0.0, 1.0)
+
+
+@wp.func
+def head_height_exp(
+    env: int, robot: ArticulationData, body_ids: wp.array[int], length: float, target_height: float, std: float
+) -> float:
+    """Nearness of the head to the height at which it is when the robot stands, from 0 to 1; higher is no worse.
+
+    Formula: ``exp(-max(target_height - z, 0)^2 / std^2)``, the head as in :func:`head_height`.
+    """
+    lacking = wp.max(target_height - _head_height(env, robot, body_ids[0], length), 0.0)
     return wp.exp(-lacking * lacking / (std * std))
+
+
+@wp.func
+def uprightness(env: int, robot: ArticulationData, body_ids: wp.array[int]) -> float:
+    """Uprightness of a body, from 0 if it is upside down to 1.
+
+    Formula: ``((1 + cos a) / 2)^2``, ``a`` the angle of its z axis from the vertical.
+    """
+    up = wp.quat_rotate(wp.transform_get_rotation(robot.body_pose[env, body_ids[0]]), wp.vec3(0.0, 0.0, 1.0))
+    half = 0.5 * (1.0 + up[2])
+    return half * half
 
 
 @wp.func
@@ -73,17 +103,3 @@ def joint_vel_standing_exp(
         total += speed * speed
     still = wp.exp(-total / (float(wp.max(joint_ids.shape[0], 1)) * std * std))
     return still * _is_up(env, robot, body_ids[0], least_height)
-
-
-@wp.func
-def stands(
-    env: int,
-    reached: wp.array[int],
-    robot: ArticulationData,
-    body_ids: wp.array[int],
-    least_height: float,
-    largest_tilt: float,
-) -> None:
-    """Record whether the robot stands: a body is above a height, and the root is upright within an angle [rad]."""
-    upright = -frames.projected_gravity_b(env, robot)[2] > wp.cos(largest_tilt)
-    reached[env] = wp.where(upright and _is_up(env, robot, body_ids[0], least_height) > 0.0, 1, 0)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion tracking by Unitree's G1: ``Stripe-Tracking-Flat-G1-v0``.
 
-Terms, weights, noise and randomisation are those of BeyondMimic (Liao et al. 2025) as mjlab has them. Motions are not
+Terms, weights, noise and randomisation are those of BeyondMimic (Liao et al. 2025) as mjlab has them, but for the bins
+before a failure, which are sampled more often, too. Motions are not
 part of this package: ``commands.motion.motion_file`` names files, such as those of LAFAN1 that Unitree publishes,
 retargeted to this robot.
 """
@@ -93,6 +94,9 @@ class CommandsCfg:
         },
         velocity_range=VELOCITIES,
         joint_position_range=(-0.1, 0.1),
+        # Episodes begin up to three seconds before a hard part, so that the robot comes to it as it does in a whole
+        # motion. In the part itself the noise of the start decides more than what the policy does.
+        adaptive_kernel_size=3,
     )
 
 

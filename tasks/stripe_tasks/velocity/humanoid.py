@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.envs import mdp
-from stripe_newton.managers import RewardTermCfg
+from stripe_newton.managers import CurriculumTermCfg, RewardTermCfg
 from stripe_tasks.robots import HUMANOID_POSITION_CFG
 
 from .manager_based import (
@@ -17,6 +17,7 @@ from .manager_based import (
     ActionsCfg,
     BodyNames,
     CommandsCfg,
+    CurriculumCfg,
     RewardsCfg,
     RoughSceneCfg,
     VelocityEnvCfg,
@@ -64,6 +65,25 @@ class HumanoidRewardsCfg(RewardsCfg):
     )
     joint_deviation_waist: RewardTermCfg = RewardTermCfg(
         func=mdp.joint_deviation_l1, weight=-0.2, params={"asset_cfg": joints("lower_waist:.", "abdomen_x")}
+    )
+
+
+@configclass
+class HumanoidRoughRewardsCfg(HumanoidRewardsCfg):
+    """Rewards on rough ground, where turning is learnt late: it counts twice, at first with a wide kernel."""
+
+    track_ang_vel_z_exp: RewardTermCfg = RewardTermCfg(
+        func=mdp.track_ang_vel_z_world_exp, weight=2.0, params={**TWIST, "std": 1.0}
+    )
+
+
+@configclass
+class HumanoidRoughCurriculumCfg(CurriculumCfg):
+    """Curriculum on rough ground: harder ground, and yaw rates that must be exact from the 1500th iteration on."""
+
+    yaw_rate: CurriculumTermCfg | None = CurriculumTermCfg(
+        func=mdp.modify_term_cfg,
+        params={"address": "rewards.track_ang_vel_z_exp.std", "value": 0.5, "start_step": 12000, "num_steps": 36000},
     )
 
 
@@ -116,7 +136,8 @@ class HumanoidRoughEnvCfg(VelocityRoughEnvCfg):
     scene: RoughSceneCfg = RoughSceneCfg(num_envs=4096, env_spacing=2.5, robot=ROBOT_CFG)
     actions: HumanoidActionsCfg = HumanoidActionsCfg()
     commands: HumanoidCommandsCfg = HumanoidCommandsCfg()
-    rewards: HumanoidRewardsCfg = HumanoidRewardsCfg()
+    rewards: HumanoidRoughRewardsCfg = HumanoidRoughRewardsCfg()
+    curriculum: HumanoidRoughCurriculumCfg = HumanoidRoughCurriculumCfg()
     base: str = "torso"
     feet: BodyNames = ".*_foot"
     falls_on: BodyNames | None = FALLS_ON

@@ -25,7 +25,7 @@ from stripe_newton.rl.report.run_report import RunReport, write_report
 from stripe_newton.rl.runs.run_folder import RunFolder
 from tests.helpers.run_files import REWARD, write_run
 
-VOID = {"meta", "link", "br", "img", "input", "hr"}
+VOID = {"meta", "link", "br", "wbr", "img", "input", "hr"}
 NASTY = '"><script>alert(1)</script><img src=x onerror=alert(2)>'
 
 

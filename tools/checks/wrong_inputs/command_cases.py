@@ -158,6 +158,10 @@ MODULES = {
     ),
     "group exception": "raise ExceptionGroup('g', [ValueError('a')])\n",
     "stop": "raise StopIteration\n",
+    "class without arguments": "class Model: pass\n",
+    "class raises": "class Model:\n    def __init__(self, *args, **fields): self.x\n",
+    "class is no network": "class Model:\n    def __init__(self, *args, **fields): pass\n",
+    "class is a function": "def Model(*args, **fields): return None\n",
 }
 
 
@@ -170,13 +174,15 @@ def broken_modules(rng: random.Random, count: int) -> Iterator[Case]:
         argv = [command] if command == "list" else list(COMMANDS[command])
         if "Own-v0" in (text or "") and command != "list":
             argv[1] = "Own-v0"
+        if name.startswith("class"):
+            argv = [*TRAIN, "--agent.actor.class-name", "own:Model"]
         target = rng.choice(("own.py", "own", "./own.py"))
         if target == "own" and name == "registers nothing":
             target = rng.choice(("folder", "own.txt", "", "..", "1abc", "own;x", "/"))
         data = {"argv": [*argv, "--import", target], "files": [RUN, file, ["mkdir", "folder"]]}
         may = name == "registers nothing" or (command == "list" and "Own-v0" in (text or ""))
         names = ["own", target, "Own-v0"] if target else ["--import"]
-        yield Case("broken modules", "command", f"{command} --import {target} ({name})", data, names, may)
+        yield Case("broken modules", "command", f"{argv[0]} --import {target} ({name})", data, names, may)
 
 
 CLASSES = (

@@ -75,6 +75,10 @@ USED_BY_ALL = ("iter", "actor_state_dict")
 """Parts that a policy which only acts needs; the others matter for a resumed training alone."""
 
 
+WRONG_CHECKPOINTS = ("set", "set", "set", "pack", "damage", "zip", "special", "object")
+"""Kinds of them; wrong values in right files are the most."""
+PACKED_PARTS = ("zlib", "dtype", "shape", "on_device")
+"""Parts of a compressed tensor."""
 SPECIAL = ("fifo", "folder", "socket", "loop", "zero", "null", "tty", "gone")
 ZIPS = {"encrypted": False, "deflated": True, "bzip2": True, "lzma": True, "dots": True, "twice": True, "empty": True,
         "method": False, "big": False}  # fmt: skip
@@ -84,7 +88,7 @@ ZIPS = {"encrypted": False, "deflated": True, "bzip2": True, "lzma": True, "dots
 def checkpoints(rng: random.Random, count: int) -> Iterator[Case]:
     """Checkpoints with other contents, damaged, packed, or no files at all."""
     for _ in range(count):
-        argv, kind = rng.choice(READERS), rng.choice(("set", "set", "set", "damage", "zip", "special", "object"))
+        argv, kind = rng.choice(READERS), rng.choice(WRONG_CHECKPOINTS)
         # A checkpoint that cannot be read may be passed over for an earlier one, with a warning.
         step: list[object] = ["checkpoint_replace", "run", rng.choice(OBJECTS)]
         may = False
@@ -93,6 +97,11 @@ def checkpoints(rng: random.Random, count: int) -> Iterator[Case]:
             path, value = rng.choice(PLACES), rng.choice(VALUES)
             step = ["checkpoint_set", "run", list(path), value]
             may = _may_be(path, value, argv == RESUME)
+        elif kind == "pack":
+            part, value = rng.choice(PACKED_PARTS), rng.choice(VALUES)
+            step = ["checkpoint_pack", "run", part, value]
+            # A dict that lacks a part is not a compressed tensor, and a policy that acts does not read it.
+            may = argv != RESUME and (value == "DELETE" or (part, value) == ("on_device", "True"))
         elif kind == "damage":
             step = ["damage", "run", rng.choice(DAMAGE), rng.randrange(10**6)]
             may = step[2] in ("flip", "zero", "double")

@@ -9,6 +9,7 @@ import random
 import shutil
 import struct
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,19 @@ def _checkpoint_set(run: str, path: list[Any], value: str) -> None:
     else:
         old = place.get(path[-1]) if isinstance(place, dict) else None
         place[path[-1]] = eval(value, {"torch": torch, "np": np, "old": old, "object": object})
+    torch.save(data, file)
+
+
+def _checkpoint_pack(run: str, part: str, value: str) -> None:
+    """A compressed tensor in the newest checkpoint, with a wrong part; the value is an expression or ``DELETE``."""
+    content = torch.frombuffer(bytearray(zlib.compress(bytes(4000))), dtype=torch.uint8)
+    packed = {"zlib": content, "dtype": torch.float32, "shape": [10, 100], "on_device": False}
+    old = packed.pop(part)
+    if value != "DELETE":
+        packed[part] = eval(value, {"torch": torch, "np": np, "old": old, "object": object})
+    file = _newest(run)
+    data = torch.load(file, weights_only=False)
+    data["stripe_newton"]["env"]["env"]["arrays"]["joint_q"] = packed
     torch.save(data, file)
 
 
@@ -252,6 +266,7 @@ RECIPES: dict[str, Callable[..., object]] = {
     "copy": shutil.copy,
     "yaml_set": _yaml_set,
     "checkpoint_set": _checkpoint_set,
+    "checkpoint_pack": _checkpoint_pack,
     "checkpoint_replace": _checkpoint_replace,
     "nan_weights": _nan_weights,
     "damage": _damage,

@@ -82,9 +82,9 @@ class HookFusion:
         return (self._num_envs, variant) if variant else (self._num_envs,)
 
     def give_up(self, reason: str) -> None:
-        """Fuse nothing any more; the first reason is kept."""
+        """Fuse nothing any more; the first reason is kept. Recordings that there are keep their memory."""
         self.reason = self.reason or reason
-        self.forget()
+        self._counts.clear()
 
     def forget(self) -> None:
         """Drop what is known of recordings, which are made anew."""
