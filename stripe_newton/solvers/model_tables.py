@@ -11,6 +11,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from . import wrench_form
 from .constant_tables import ConstantTables
 from .contact_pairs import (
     ROUTINES,
@@ -168,15 +169,8 @@ class ModelTables:
 
     @property
     def wrench_rows(self) -> bool:
-        """Whether constraint rows have no Jacobians, see wrench_rows.h.
-
-        Where there are more degrees of freedom than lanes, rows of Jacobians are long, and so few fit into the shared
-        memory that a robot on two feet has more.
-        """
-        model = self.model
-        is_simple = not model.neq and not self.elliptic and len(tree_roots(model)) == _ONE_TREE
-        has_balls = bool(np.any(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL))
-        return is_simple and not has_balls and _WRENCH_DOFS[0] <= model.nv <= _WRENCH_DOFS[1]
+        """Whether constraint rows have no Jacobians."""
+        return wrench_form.has_wrench_rows(self.model)
 
     def searches(self, rows: int) -> int:
         """Searches for contacts with height fields and meshes that there is room for where rows will be.
@@ -216,9 +210,7 @@ class ModelTables:
     @property
     def row_size(self) -> int:
         """Numbers of a constraint row, as in world.h."""
-        if self.wrench_rows:
-            return _WRENCH_ROW_SIZE
-        return 4 * (-(-(self.model.nv + 7) // 4) | 1)
+        return wrench_form.ROW_SIZE if self.wrench_rows else 4 * (-(-(self.model.nv + 7) // 4) | 1)
 
     @property
     def contact_size(self) -> int:
@@ -265,24 +257,24 @@ class ModelTables:
         nb, nv, nu = model.nbody, model.nv, max(model.nu, 1)
         matrices = (nv if in_registers else 2 * nv) * self.row_of_matrix(in_registers)
         kept = model.nq + 7 * nv + 3 * len(tree_roots(model)) + 6 * nv + matrices + nu + 2
-        kept += _ATTACHMENT_SIZE * len(attached_equalities(model)) + _STIFFNESS_SIZE * self.wrench_rows
-        forces = 7 * nb + self._forces_size
+        kept += _ATTACHMENT_SIZE * len(attached_equalities(model)) + wrench_form.STIFFNESS_SIZE * self.wrench_rows
+        forces = 7 * nb + self._forces_size + 2
         if self.wrench_rows:
-            shared = max(forces, self._contacts_at(rows) + contacts * self.contact_size)
+            shared = max(forces, self._contacts_at(rows) + contacts * self.contact_size) + 4
         else:
             shared = max(forces, self._found_size(rows), rows * self.row_size) + contacts * self.contact_size
-        return kept + shared + 30  # with the pointer, and alignments
+        return kept + shared + 26  # with the pointer, and alignments
 
     def _found_size(self, rows: int) -> int:
         """Numbers of four bytes of what is needed until contacts are known."""
-        found = 7 * self.model.nbody + self._geoms_size + 1
+        found = 7 * self.model.nbody + self._geoms_size + 3
         if self.has_searches:
             found += self.searches(rows) * self._search_size + self._listed_size
         return found
 
     def _contacts_at(self, rows: int) -> int:
         """Numbers before the contacts of rows that have no Jacobians, in the memory of what is needed until then."""
-        return max(self._found_size(rows) + 6, rows * self.row_size)
+        return max(self._found_size(rows) + 4, rows * self.row_size)
 
     def row_of_matrix(self, in_registers: bool) -> int:
         """Numbers from one row of a matrix to the next.
@@ -313,14 +305,6 @@ _PATCH_SIZE = 14
 """Numbers of four bytes of a patch of a height field, as in search.h."""
 _ATTACHMENT_SIZE = 24
 """Numbers of an attachment, as in world.h."""
-_ONE_TREE = 2
-"""Trees of a model that has one beside the world."""
-_WRENCH_DOFS = 33, 40
-"""Least and most degrees of freedom of models whose rows have no Jacobians."""
-_WRENCH_ROW_SIZE = 13
-"""Numbers of a row without a Jacobian, as in world.h."""
-_STIFFNESS_SIZE = 36
-"""Numbers of the stiffness of a group of contacts, as in wrench_rows.h."""
 
 
 def _sizes(model: mujoco.MjModel, pairs: Sequence[ContactPair]) -> dict[str, object]:

@@ -59,7 +59,7 @@ struct World {
     alignas(16) real a[NV];              // accelerations (at first the warm start)
     int has_kinematic, is_pushed;        // whether a body is kinematic, and whether external wrenches act
     real origin[NTREES * 3];             // of each tree: where its root body is, in the world [m]; tree 0 is the world
-    real S[NV * 6];                      // motion of each degree of freedom
+    alignas(2 * sizeof(real)) real S[NV * 6];  // motion of each degree of freedom
 #if IN_REGISTERS
     alignas(16) real M[NV * LD];         // mass matrix in the lower triangle; above the diagonal the factor in use
 #else

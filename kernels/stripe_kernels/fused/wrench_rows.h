@@ -22,6 +22,15 @@ FN Group group_of(const World& w, int c, int rows, int contacts) {
     const int next = (int)C[C_NEXT];
     return Group{b & ~a, a & ~b, (int)C[C_ROW], next < contacts ? (int)contact_of<FITS>(w, next)[C_ROW] : rows, next};
 }
+struct alignas(2 * sizeof(real)) Two {
+    real x[2];
+};
+// The motion of a degree of freedom.
+FN Spatial motion_of(const World& w, int dof) {
+    const Two* s = (const Two*)w.S + 3 * dof;
+    const Two a = s[0], b = s[1], c = s[2];
+    return Spatial{{a.x[0], a.x[1], b.x[0]}, {b.x[1], c.x[0], c.x[1]}};
+}
 FN real sign_of(const Group& g, int dof) { return (real)((int)(g.second >> dof & 1) - (int)(g.first >> dof & 1)); }
 // Rows of joints: those before the first contact's.
 template <bool FITS>
@@ -79,7 +88,7 @@ FN Spatial twist_of(const World& w, const Group& g, const real* x, int lane) {
     Spatial v{{0, 0, 0}, {0, 0, 0}};
     EACH(i, NV) {
         const real sign = sign_of(g, i);
-        if (sign != 0) v = v + sign * x[i] * load_spatial(w.S + 6 * i);
+        if (sign != 0) v = v + sign * x[i] * motion_of(w, i);
     }
     real sums[6] = {v.a.x, v.a.y, v.a.z, v.l.x, v.l.y, v.l.z};
     sum_each<6>(sums);
@@ -137,7 +146,7 @@ FN void subtract_forces(World& w, int rows, int contacts, int lane) {
         const Spatial wrench = load_spatial(sums);
         EACH(i, NV) {
             const real sign = sign_of(g, i);
-            if (sign != 0) w.g[i] -= sign * dot(load_spatial(w.S + 6 * i), wrench);
+            if (sign != 0) w.g[i] -= sign * dot(motion_of(w, i), wrench);
         }
     }
 }

@@ -22,13 +22,13 @@ FN void add_constraints(World& w, int rows, int contacts, int own, int above, re
         const Group g = group_of<FITS>(w, c, rows, contacts);
         c = g.next;
         add_up_stiffness<FITS>(w, g, lane);
-        const Spatial s = sign_of(g, own) * load_spatial(w.S + 6 * own), U = stiffness_times(w, s);
-        const Spatial T = ABOVE ? stiffness_times(w, sign_of(g, above) * load_spatial(w.S + 6 * above)) : U;
+        const Spatial s = sign_of(g, own) * motion_of(w, own), U = stiffness_times(w, s);
+        const Spatial T = ABOVE ? stiffness_times(w, sign_of(g, above) * motion_of(w, above)) : U;
         diagonal += dot(s, U);
         const unsigned long long both = g.first | g.second;
         UNROLLED for (int j = 0; j < NV; j++) {
             if (!(both >> j & 1)) continue;  // the same for all lanes
-            const Spatial other = load_spatial(w.S + 6 * j);
+            const Spatial other = motion_of(w, j);
             const real sign = g.second >> j & 1 ? 1 : -1;
             r[j] += sign * dot(other, U);
             if (j < ABOVE) t[j < ABOVE ? j : 0] += sign * dot(other, T);
@@ -36,8 +36,9 @@ FN void add_constraints(World& w, int rows, int contacts, int own, int above, re
     }
 }
 
-// Solve A w.s = sign b, with b the field `right`, by A = L D L'. Columns of L are kept above the diagonal of M, and the lanes
-// read them as fours. What a lane has beyond the turn of its row is of no use, and is not masked.
+// Solve A w.s = sign b, with b the field `right`, by A = L D L'. Columns of L D are kept above the diagonal of M, and the lanes
+// read them as fours. They do not wait for 1/D, which takes as long to compute as they take to be there. What a lane has
+// beyond the turn of its row is of no use, and is not masked.
 template <bool FITS>
 ONE_COPY void solve(World& of, int rows, int contacts, real (World::*right)[NV], real sign, int lane) {
     World& w = in_place(of);
@@ -52,31 +53,34 @@ ONE_COPY void solve(World& of, int rows, int contacts, real (World::*right)[NV],
     real diagonal = w.M[own * LD + own], y = sign * (w.*right)[own], z = sign * (w.*right)[above];
     add_constraints<FITS>(w, rows, contacts, own, above, r, diagonal, t, lane);
     SYNC();  // all have read their rows
+    real own_scale = 0, scales[ABOVE_SIZE] = {0};
     UNROLLED for (int j = 0; j < NV; j++) {
         const int from = j < ABOVE ? j : j - ABOVE;  // the lane whose row has its turn; those before are done
-        const real pivot = from_lane(j < ABOVE ? t[j < ABOVE ? j : 0] : diagonal, from);
-        const real scale = RECIPROCAL(larger(pivot, (real)1e-30)), yj = from_lane(j < ABOVE ? z : y, from);
-        const real l = r[j] * scale;
-        if (turn > j) w.M[j * LD + turn] = l;
+        if (turn > j) w.M[j * LD + turn] = r[j];
+        if (lane > j && lane < ABOVE) w.M[j * LD + lane] = t[j < ABOVE ? j : 0];
+        const real pivot = from_lane(j < ABOVE ? t[j < ABOVE ? j : 0] : diagonal, from), yj = from_lane(j < ABOVE ? z : y, from);
+        const real scale = RECIPROCAL(larger(pivot, (real)1e-30)), l = r[j] * scale;
         y -= l * yj, diagonal -= l * r[j];
-        if (j + 1 < ABOVE) {
-            const real tj = t[j < ABOVE ? j : 0], m = tj * scale;
-            if (lane > j && lane < ABOVE) w.M[j * LD + lane] = m, z -= m * yj;
-            UNROLLED for (int k = j + 1; k < ABOVE; k++) t[k] -= tj * from_lane(m, k);
-        }
+        if (j < ABOVE) scales[j < ABOVE ? j : 0] = scale;
+        else if (own == j) own_scale = scale;
         w.s[j] = scale * yj;  // all lanes write the same
         SYNC();
         UNROLLED for (int g = (j + 1) / 4; g < NFOURS; g++) {
             const Four four = ((const Four*)(w.M + j * LD))[g];
             UNROLLED for (int k = 0; k < 4; k++)
-                if (4 * g + k > j && 4 * g + k < NV) r[4 * g + k] -= r[j] * four.x[k];
+                if (4 * g + k > j && 4 * g + k < NV) r[4 * g + k] -= l * four.x[k];
+        }
+        if (j + 1 < ABOVE) {
+            const real m = t[j < ABOVE ? j : 0] * scale;
+            if (lane > j) z -= m * yj;
+            UNROLLED for (int k = j + 1; k < ABOVE; k++) t[k] -= m * w.M[j * LD + k];
         }
     }
     // x = D^-1 y - (L' - 1) x, with rows of L' in a lane.
     y = w.s[own];
     UNROLLED for (int g = 0; g < NFOURS; g++) {
         const Four four = ((const Four*)(w.M + own * LD))[g];
-        UNROLLED for (int k = 0; k < 4; k++) r[4 * g + k] = four.x[k];
+        UNROLLED for (int k = 0; k < 4; k++) r[4 * g + k] = own_scale * four.x[k];
     }
     UNROLLED for (int j = NV - 1; j >= ABOVE; j--) {
         const real x = from_lane(y, j - ABOVE);
@@ -89,8 +93,8 @@ ONE_COPY void solve(World& of, int rows, int contacts, real (World::*right)[NV],
         UNROLLED for (int j = 0; j < ABOVE; j++) x[j] = w.s[j], sums[j] = has_row ? w.M[j * LD + own] * w.s[own] : 0;
         sum_each<ABOVE_SIZE>(sums);
         UNROLLED for (int j = ABOVE - 1; j >= 0; j--) {
-            x[j] -= sums[j];
-            UNROLLED for (int k = j + 1; k < ABOVE; k++) x[j] -= w.M[j * LD + k] * x[k];
+            UNROLLED for (int k = j + 1; k < ABOVE; k++) sums[j] += w.M[j * LD + k] * x[k];
+            x[j] -= scales[j] * sums[j];
         }
         SYNC();
         UNROLLED for (int j = 0; j < ABOVE; j++) w.s[j] = x[j];
