@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TypedDict
 
-from .ignored_rows import Ignored
+from .ignored_rows import Ignored, shared_rows
 from .stage_lights import Light
 from .text_table import WIDTH, count, number, shorten, table, vector
 
@@ -193,7 +193,7 @@ class StageReport:
             table("Sites", self.sites, _SITE_COLUMNS),
             table("Lights", self.lights, _LIGHT_COLUMNS),
             table("Semantics", list(self.semantics.items()), _SEMANTICS_COLUMNS, wrap_last=True),
-            table("Ignored or changed", self.ignored, _IGNORED_COLUMNS, wrap_last=True),
+            table("Ignored or changed", shared_rows(self.ignored), _IGNORED_COLUMNS, wrap_last=True),
         ]
         return "\n\n".join(["\n".join(head), *(text for text in tables if text)]) + "\n"
 

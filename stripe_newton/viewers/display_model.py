@@ -11,12 +11,14 @@ import numpy as np
 import warp as wp
 
 from stripe_kernels.picture import gather_bodies
+from stripe_newton.shape_mesh import shape_mesh
 from stripe_newton.sim.body_choice import BodyChoice
 from stripe_newton.usd.textures import drop_unreadable_textures
 
 from .creases import crease_builder
 from .marker_slots import MarkerSlots
 from .recolor import recolor_shapes
+from .sight_line import SightLine
 from .surround import add_surround
 from .viewed_simulation import ViewedSimulation
 
@@ -25,6 +27,7 @@ __all__ = ["DisplayModel"]
 _ROUND_TYPES = (newton.GeoType.SPHERE, newton.GeoType.CAPSULE, newton.GeoType.CYLINDER)
 _COLLIDE = int(newton.ShapeFlags.COLLIDE_SHAPES) | int(newton.ShapeFlags.COLLIDE_PARTICLES)
 _GROUND_TYPES = (int(newton.GeoType.PLANE), int(newton.GeoType.HFIELD))
+_WALL_TYPES = (int(newton.GeoType.BOX), int(newton.GeoType.MESH), int(newton.GeoType.CONVEX_MESH))
 _NATURAL_MESHES = 64
 """Number of static meshes from which a scene counts as outdoors."""
 
@@ -160,6 +163,16 @@ class DisplayModel:
         if self._is_traced and self.model.shape_count and self.model.bvh_shape_count_enabled:
             self.model.bvh_refit_shapes(self.state)
         return self.body_q
+
+    def sight_line(self) -> SightLine:
+        """The visible meshes and boxes that do not move, which may be between a camera and what it looks at."""
+        line, scales = SightLine(), self.model.shape_scale.numpy()
+        for shape in np.flatnonzero((self._shape_body < 0) & self.is_visible[: len(self._shape_body)]):
+            if self.kinds[shape] in _WALL_TYPES:
+                kind = newton.GeoType.BOX if self.kinds[shape] == newton.GeoType.BOX else newton.GeoType.MESH
+                mesh = shape_mesh(kind, scales[shape], self.sources[shape], self.model.shape_label[shape])
+                line.add(*mesh, np.ones((1, 3)), self._shape_xform[shape][None])
+        return line
 
     def has_all_markers(self) -> bool:
         """Whether there is room for the markers of the simulation; if not, a new display model is needed."""

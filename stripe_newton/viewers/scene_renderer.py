@@ -14,11 +14,19 @@ from .camera_framing import USUAL_AZIMUTH, Follower, camera_axes, frame_points, 
 from .display_model import DisplayModel
 from .lighting import lighting_from
 from .roaming import roaming_body
+from .sight_line import SightLine
 from .tracer import Tracer
 from .viewed_simulation import ViewedSimulation
 from .viewer_cfg import ViewerCfg
 
 __all__ = ["SceneRenderer"]
+
+_OTHER_SIDES = (0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
+"""Turns from the usual direction of a camera to others that are tried where walls hide what it looks at [deg]."""
+_FROM_WALL = 0.05
+"""Distance of a camera from the wall that it is moved in front of [m]."""
+_NEAREST = 0.15
+"""Least share of a camera's distance that it is moved to."""
 
 
 class SceneRenderer:
@@ -101,7 +109,7 @@ class SceneRenderer:
             self._traced = self._traced.replace(fov=fov)
         camera_axes(np.asarray(eye, dtype=float), np.asarray(target, dtype=float))  # raises if they are one point
         self._eye, self._target = np.array(eye, dtype=float), np.array(target, dtype=float)
-        self._is_close_up = False
+        self._is_close_up, self._walls = False, SightLine()
         self._follow(self._movable if follow else self._movable[:0])
 
     def render(self) -> np.ndarray:
@@ -121,6 +129,8 @@ class SceneRenderer:
             eye, target = self._eye + shift, self._target + shift
             if self._turns:
                 eye, target = self._behind(poses[self._follow_bodies[0]], eye, target, self._rest + shift)
+            elif not self._walls.is_free:
+                eye = self._in_front_of_walls(eye, target)
             self._seen_from = eye, target
             return tracer.render(eye, target, self._shadow_region(poses, shift, eye, target))
 
@@ -147,6 +157,7 @@ class SceneRenderer:
     def _setup_camera(self, sim: ViewedSimulation, env_ids: Sequence[int]) -> None:
         """Set eye, target and what they follow, automatically or as the config says."""
         cfg, scene, self._is_close_up = self.cfg, self._scene, False
+        self._walls = SightLine()
         points = scene.bounds()
         middle = points.mean(axis=0) if len(points) else np.zeros(3)
         self._radius = float(np.linalg.norm(points - middle, axis=1).max(initial=0.0)) or 1.0
@@ -157,8 +168,16 @@ class SceneRenderer:
             aspect = self._width / self._height
             azimuth = good_azimuth(points) if cfg.azimuth is None else math.radians(cfg.azimuth)
             elevation, fov = math.radians(cfg.elevation), math.radians(cfg.fov)
-            self._eye, self._target = frame_points(points, azimuth, elevation, fov, aspect, cfg.margin)
-            self._follow(self._movable if cfg.follow else self._movable[:0])
+            followed = self._movable if cfg.follow else self._movable[:0]
+            walls = scene.sight_line() if len(followed) else SightLine()
+            # In a room the usual direction may be that of the wall beside the robot.
+            turns = _OTHER_SIDES if cfg.azimuth is None and not walls.is_free else (0.0,)
+            views = [
+                frame_points(points, azimuth + math.radians(turn), elevation, fov, aspect, cfg.margin) for turn in turns
+            ]
+            self._eye, self._target = min(views, key=lambda view: walls.blocked_until(*view))  # of equal ones the first
+            self._follow(followed)
+            self._walls = walls
             return
         origin, followed = np.zeros(3), self._movable[:0]
         if cfg.origin_type != "world":
@@ -215,10 +234,23 @@ class SceneRenderer:
         away = eye - about
         length = float(np.linalg.norm(away))
         free = float(self.distances(about[None], away[None] / length, length + 0.3)[0, 0]) - 0.3
-        share = min(max((free + self.cfg.near) / length, 0.4), 1.0)
-        # In at once, so that no frame shows the inside of a trunk; back slowly, so that the picture stays calm.
+        return about + self._calm(min(max((free + self.cfg.near) / length, 0.4), 1.0)) * away, target
+
+    def _in_front_of_walls(self, eye: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """The eye, moved towards its target where a wall hides that."""
+        away = eye - target
+        length = float(np.linalg.norm(away))
+        blocked = self._walls.blocked_until(eye, target)
+        share = max((length - blocked - _FROM_WALL) / length, _NEAREST) if blocked else 1.0
+        return target + self._calm(share) * away
+
+    def _calm(self, share: float) -> float:
+        """Share of the camera's distance in this frame.
+
+        In at once, so that no frame shows the inside of a trunk; back slowly, so that the picture stays calm.
+        """
         self._near = share if share < self._near else min(share, self._near + 0.02)
-        return about + self._near * away, target
+        return self._near
 
     def _shadow_region(
         self, poses: np.ndarray, shift: np.ndarray, eye: np.ndarray, target: np.ndarray

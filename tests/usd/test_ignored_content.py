@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from stripe_newton.usd import StageReport, inspect_stage
+from stripe_newton.usd import StageReport, ignored_text, inspect_stage
 from tests.helpers.usd_stages import usda
 
 FLOOR = 'def Cube "floor" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {\n}\n'
@@ -59,3 +59,16 @@ def test_a_capsule_of_two_equal_radii_is_a_capsule(kind, size, metres):
     assert (shape.type, shape.collides) == (kind.lower(), True)
     assert shape.size == pytest.approx(size, rel=1e-6)
     assert ("/A", f"{kind}_1") not in rows(report)
+
+
+def test_the_text_of_a_report_has_equal_rows_once():
+    """The report itself has them all: a program looks for paths."""
+    report = inspect_stage(usda(FLOOR))
+    report.ignored = [(f"/rock{k}", "approximation", "is an estimate") for k in range(7)] + [("/tree", "a", "b")]
+    text = report.to_text()
+    assert text.count("is an estimate") == 1
+    assert "/rock0 (+6 more)" in text
+    assert "/tree" in text
+    assert len(report.ignored) == 8
+    warning = ignored_text("room.usda", report.ignored)
+    assert warning.splitlines()[1:] == ["  /rock0 (+6 more): approximation: is an estimate", "  /tree: a: b"]

@@ -11,8 +11,11 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from stripe_newton.viewers.live import sight_line
-from stripe_newton.viewers.live.sight_line import SightLine
+from stripe_newton.scene import InteractiveScene
+from stripe_newton.sim import SimulationCfg
+from stripe_newton.viewers import SceneRenderer, ViewerCfg, sight_line
+from stripe_newton.viewers.sight_line import SightLine
+from tests.helpers.usd_stages import usda
 
 
 def test_it_is_blocked_up_to_the_last_box_in_between():
@@ -71,3 +74,39 @@ def test_a_browser_draws_from_behind_the_wall(viewer, monkeypatch):
     assert near() == pytest.approx(2.1 * np.hypot(4.0, 0.2) / 4.0 + 0.05, abs=1e-6)
     control.see_through.value = False
     assert near() == free
+
+
+def _room(walls: str) -> InteractiveScene:
+    """A red ball on the floor between walls, given by their sides."""
+    sides = {"x": (1.0, 0.0), "-x": (-1.0, 0.0), "y": (0.0, 1.0), "-y": (0.0, -1.0)}
+    parts = {"floor": ((0.0, 0.0, -0.05), (9.0, 9.0, 0.1))}
+    for side in walls.split():
+        x, y = sides[side]
+        parts[f"wall{len(parts)}"] = (0.6 * x, 0.6 * y, 2.0), (0.05 + 2.0 * abs(y), 0.05 + 2.0 * abs(x), 4.0)
+    boxes = "".join(
+        f'def Cube "{name}" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {{\ndouble size = 1\n'
+        f"double3 xformOp:translate = {at}\ndouble3 xformOp:scale = {size}\n"
+        'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]\n}\n'
+        for name, (at, size) in parts.items()
+    )
+    ball = """def Sphere "ball" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsCollisionAPI"]) {
+        double radius = 0.2
+        color3f[] primvars:displayColor = [(1, 0, 0)]
+        double3 xformOp:translate = (0, 0, 0.2)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }"""
+    return InteractiveScene.from_usd(usda(boxes + ball), sim_cfg=SimulationCfg(device="cpu"))
+
+
+@pytest.mark.parametrize("walls", ["", "x -y", "x -x y -y"], ids=["without walls", "a corner", "closed"])
+def test_a_camera_that_follows_sees_its_body_in_a_room(walls):
+    """It turns to a free side, and in a closed room it comes in front of the wall."""
+    scene = _room(walls)
+    renderer = SceneRenderer(scene.sim, ViewerCfg(resolution=(64, 48)))
+    picture = renderer.render().astype(int)
+    red = (picture[..., 0] > 100) & (picture[..., 0] > 2 * picture[..., 1])
+    assert red.mean() > 0.02
+    eye, target = renderer._seen_from
+    away = np.linalg.norm(eye - target) / np.linalg.norm(renderer.eye - renderer.target)
+    assert (away < 0.99) == (walls == "x -x y -y")
+    scene.close()

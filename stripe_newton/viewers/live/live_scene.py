@@ -14,13 +14,13 @@ import numpy as np
 from stripe_newton.shape_mesh import shape_mesh
 from stripe_newton.viewers.display_model import DisplayModel
 from stripe_newton.viewers.poses import compose, wxyz
+from stripe_newton.viewers.sight_line import SightLine
 from stripe_newton.viewers.viewed_simulation import ViewedSimulation
 
 from .closed_mesh import is_closed
 from .glb_file import glb_of
 from .merged_field import merged_field
 from .scenery_files import foliage_file, ground_file, has_colors
-from .sight_line import SightLine
 from .view_frame import VIEW, WORLD, ViewFrame
 
 if TYPE_CHECKING:

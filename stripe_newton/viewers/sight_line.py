@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stripe_newton.viewers.poses import rotate
+from .poses import rotate
 
 __all__ = ["SightLine"]
 
