@@ -28,11 +28,14 @@ Plain: TypeAlias = "bool | int | float | str | Sequence[Plain] | dict[str, Plain
 """A value as JSON has it."""
 
 
-class ArticulationInfo(TypedDict, total=False):
+class _NeededOfArticulation(TypedDict):
+    joint_names: list[str]
+
+
+class ArticulationInfo(_NeededOfArticulation, total=False):
     """Joints of an articulation, their gains and limits; lists are in the order of ``joint_names``. Further keys are
     the gains and limits, ``default_root_pos`` and so on."""
 
-    joint_names: list[str]
     default_joint_pos: list[float]
     default_joint_vel: list[float]
 

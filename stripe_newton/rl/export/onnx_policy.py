@@ -173,8 +173,8 @@ def _joints(metadata: PolicyMetadata, env: TorchVectorEnv) -> Iterator[tuple[str
     if policy_terms is not None and env_terms is not None:
         yield (
             "joints",
-            [joint for term in policy_terms for joint in term["joint_names"]],
-            [joint for term in env_terms for joint in term["joint_names"]],
+            [joint for term in policy_terms for joint in term.get("joint_names", ())],
+            [joint for term in env_terms for joint in term.get("joint_names", ())],
         )
         return
     for name, asset in metadata["assets"].items():

@@ -37,9 +37,11 @@ from stripe_newton.rl import (
     read_policy_metadata,
 )
 from stripe_newton.rl.export.env_description import sensors
+from stripe_newton.rl.export.metadata_format import ArticulationInfo
 from stripe_newton.rl.export.plain_values import plain
 from stripe_newton.sensors import GridPatternCfg, RayCasterCfg
 from stripe_newton.sim import MuJoCoSolverCfg
+from stripe_newton.value_types import mismatches
 from stripe_tasks.cartpole.manager_based import CartpoleManagerEnvCfg, CartpoleManagerPPORunnerCfg, EventsCfg
 from tests.helpers.cart_env import CartCfg, CartEnv
 
@@ -294,3 +296,8 @@ def test_export_of_a_run_with_its_robot(task, capsys, monkeypatch):
     assert one["observations"][1]["normalization"]["std"][0] != 1.0
     command = ["play", task, "--checkpoint", "out/policy.onnx", "--viewer", "none", "--num-envs", "2", "--steps", "3"]
     assert main([*command, "--device", "cpu"]) == 0
+
+
+def test_an_asset_without_the_names_of_its_joints_is_named():
+    problems = list(mismatches({"joint_oames": ["a"], "default_joint_pos": [0.0]}, ArticulationInfo, "assets.robot"))
+    assert problems == ["assets.robot.joint_names: is missing, must be a sequence of texts"]
