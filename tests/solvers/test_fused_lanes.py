@@ -37,6 +37,21 @@ def both(solver: SolverFused, lanes: int, steps: int) -> tuple[dict[str, np.ndar
     return found[0], found[1]
 
 
+def assert_no_race(solver: SolverFused, lanes: int, steps: int) -> None:
+    """The same bits by lanes that take turns in the opposite order, and with other numbers in memory at first."""
+    emulated, data = emulate(solver, lanes), solver.mjw_data
+    before = {name: getattr(data, name).numpy().copy() for name in STATE}
+    found = []
+    for options in ({}, {"backwards": True}, {"before": 1.25}):
+        for name, value in before.items():
+            getattr(data, name).assign(value)
+        emulated(steps, **options)
+        found.append({name: getattr(data, name).numpy().copy() for name in (*STATE, "nefc")})
+    for other in found[1:]:
+        for name, expected in found[0].items():
+            np.testing.assert_array_equal(other[name], expected, name)
+
+
 def assert_same(one: dict[str, np.ndarray], two: dict[str, np.ndarray], tolerance: float) -> None:
     assert np.array_equal(one["nefc"], two["nefc"])
     for name in ("qpos", "qvel"):
@@ -76,6 +91,7 @@ def test_tasks(task, lanes, limbs):
         assert_same(one, two, 2e-3)
         rows += int(one["nefc"].sum())
     assert rows or "Cartpole" in task
+    assert_no_race(env.sim.solver, lanes, 2)
     env.close()
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Assets on NVIDIA's server (Nucleus): a table of the robot or prop that stands for each, or why there is none.
+"""Nucleus: the robot or prop that stands for each asset of NVIDIA's server of that name, or why there is none.
 
 Paths are relative to ``ISAAC_NUCLEUS_DIR``, whose folder ``IsaacLab`` is ``ISAACLAB_NUCLEUS_DIR``. A robot's file from
 elsewhere has other names for its joints and bodies than NVIDIA's: tasks find those of NVIDIA's file, by the tables of

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rounding of torch's kernels: orders of their sums, and products that they fuse with sums, found by trial.
+"""Rounding: the orders in which torch's kernels sum, and the products that they fuse with sums, found by trial.
 
 Torch sums the elements of a row in an order that depends on its version, the device and the shape. Each order that
 torch is known to use is written once, for numbers of any kind: with tensors it is compared with what torch gives for
