@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from typing import Any
 
+import mujoco_warp
 import newton
 import numpy as np
 import warp as wp
@@ -429,7 +430,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         return self.launcher.assumptions.changes_expected()
 
     def _notify_model_changed(self, flags: newton.ModelFlags | int) -> None:
-        super()._notify_model_changed(flags)
+        with self._ordered_sums():
+            super()._notify_model_changed(flags)
         self.launcher.clear_arguments()  # it may have replaced arrays
         if self.launcher.assumptions.check(flags, self.launcher.has_kernel):
             self.has_stale_graphs = True
@@ -437,3 +439,18 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         reads = bool(flags & newton.ModelFlags.SHAPE_PROPERTIES) and not self.model.device.is_capturing
         if reads:
             self.launcher.check_static_meshes()
+
+    @contextmanager
+    def _ordered_sums(self) -> Iterator[None]:
+        """Let MuJoCo Warp add floats in the same order each time.
+
+        Inverse weights follow from its mass matrices, to which the inertias of three children of a body are added by
+        atomics: the last bits of some worlds would differ from run to run.
+        """
+        option = self.mjw_model.opt
+        before = option.deterministic
+        option.deterministic = before | int(mujoco_warp.DeterminismType.ATOMICS)
+        try:
+            yield
+        finally:
+            option.deterministic = before
