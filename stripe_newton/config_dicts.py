@@ -8,6 +8,7 @@ import importlib
 import os
 import re
 import typing
+import zlib
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NoReturn
 
@@ -45,7 +46,32 @@ def _plain(value: object) -> object:
         return value.tolist()
     if callable(value) and hasattr(value, "__qualname__"):
         return f"{value.__module__}:{value.__qualname__}"
-    return repr(value)
+    return _described(value)
+
+
+def _described(value: object) -> str:
+    """An object's ``repr``; its class and a checksum of what it holds if ``repr`` tells only where it lies in memory."""
+    if type(value).__repr__ is not object.__repr__:
+        return repr(value)
+    kind = type(value)
+    return f"{kind.__module__}.{kind.__qualname__}, checksum {zlib.crc32(_content(value).encode()):08x}"
+
+
+def _content(value: object, depth: int = 8) -> str:
+    """What an object holds, as a text that is the same in each process."""
+    if depth == 0 or isinstance(value, (str, bytes, int, float, type(None), enum.Enum, os.PathLike)):
+        return repr(value) if depth else type(value).__qualname__
+    if isinstance(value, Mapping):
+        return "{" + ",".join(f"{key}:{_content(item, depth - 1)}" for key, item in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ",".join(_content(item, depth - 1) for item in value) + "]"
+    if isinstance(value, (set, frozenset)):
+        return "{" + ",".join(sorted(_content(item, depth - 1) for item in value)) + "}"
+    if hasattr(value, "tobytes"):
+        return value.tobytes().hex()
+    if callable(value) and hasattr(value, "__qualname__"):
+        return value.__qualname__
+    return f"{type(value).__qualname__}{_content(getattr(value, '__dict__', None), depth - 1)}"
 
 
 def from_dict(self: Config, data: Mapping[str, object]) -> None:

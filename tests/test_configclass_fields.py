@@ -8,6 +8,7 @@ import dataclasses
 import pickle
 from typing import ClassVar
 
+import numpy as np
 import pytest
 
 from stripe_newton.configclass import ConfigError, config_with, configclass
@@ -118,3 +119,28 @@ def test_a_config_of_the_same_kind_may_take_the_place_of_another():
     cfg.joint = RewardTermCfg(func=len, weight=1.0)
     with pytest.raises(ConfigError, match=r"joint: is RewardTermCfg.*must be a JointEffortActionCfg"):
         cfg.validate()
+
+
+class Held:
+    """An object whose ``repr`` tells only where it lies in memory."""
+
+    def __init__(self, numbers: list[float]):
+        self.numbers, self.table = numbers, np.ones(3)
+
+
+@configclass
+class HolderCfg:
+    """A config that holds such an object."""
+
+    held: Held | None = None
+
+
+def test_an_object_is_written_as_its_class_and_a_checksum_of_what_it_holds():
+    """Else a run would say that its task has changed each time it is loaded."""
+    one, same, other = (HolderCfg(held=Held(x)).to_dict() for x in ([1.0, 2.0], [1.0, 2.0], [1.0, 2.5]))
+    assert one == same != other
+    assert one["held"].startswith(f"{__name__}.Held, checksum ")
+    cfg = HolderCfg(held=Held([1.0, 2.0]))
+    held = cfg.held
+    cfg.from_dict(one)
+    assert cfg.held is held
