@@ -50,7 +50,7 @@ def _plain(value: object) -> object:
 
 
 def _described(value: object) -> str:
-    """An object's ``repr``; its class and a checksum of what it holds if ``repr`` tells only where it lies in memory."""
+    """An object's ``repr``, or its class and a checksum of what it holds if that tells only where it lies in memory."""
     if type(value).__repr__ is not object.__repr__:
         return repr(value)
     kind = type(value)
