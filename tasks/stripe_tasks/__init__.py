@@ -155,6 +155,11 @@ TASKS = {
         "stripe_tasks.manipulation.repose:ReposeEnvCfg",
         "stripe_tasks.manipulation.repose:ReposePPORunnerCfg",
     ),
+    "Stripe-Tracking-Flat-G1-Play-v0": (
+        MANAGER_BASED,
+        "stripe_tasks.tracking.g1:TrackingPlayEnvCfg",
+        "stripe_tasks.tracking.g1:TrackingPPORunnerCfg",
+    ),
     "Stripe-Tracking-Flat-G1-v0": (
         MANAGER_BASED,
         "stripe_tasks.tracking.g1:TrackingEnvCfg",
@@ -288,10 +293,16 @@ FORMS = {
     "-MARL-Direct": "torch hooks, two agents",
     "-Direct-Warp": "Warp hooks",
     "-Direct": "torch hooks",
-    "-Play": "terms, in woods that it was not trained in",
+    "-Play": "terms",
     "": "terms",
 }
 """Forms of a task by the rest of its name, the longest first."""
+
+PLAY = {
+    "Forest": "in woods that it was not trained in",
+    "Tracking": "from their start to their end, without noise and pushes",
+}
+"""What is different in the ``-Play-`` form of a task, by the first word of its name."""
 
 WARP_HOOKS = ("Cartpole-Camera", "Quadcopter", "Repose-Cube-Allegro")
 """Direct tasks that have Warp hooks alone, without saying so in their names."""
@@ -302,7 +313,8 @@ def describe(task_id: str) -> str:
     name = task_id.removeprefix("Stripe-").removesuffix("-v0")
     end = next(end for end in FORMS if name.endswith(end))
     what = name.removesuffix(end)
-    return f"{WHAT[what]} ({FORMS['-Direct-Warp' if what in WARP_HOOKS else end]})"
+    form = FORMS["-Direct-Warp" if what in WARP_HOOKS else end]
+    return f"{WHAT[what]} ({form}, {PLAY[what.partition('-')[0]]})" if end == "-Play" else f"{WHAT[what]} ({form})"
 
 
 POLICIES = {

@@ -188,15 +188,14 @@ def test_tracking_begins_on_the_motion(tmp_path):
     robot_file("g1")
     path = tmp_path / "sway_50hz.csv"
     write_motion(path, [0.05] * 29, seconds=2.0, fps=50.0, seed=3)
-    cfg = config("Stripe-Tracking-Flat-G1-v0")
-    motion = cfg.commands.motion
-    motion.motion_file, motion.pose_range, motion.velocity_range = str(path), {}, {}
-    motion.joint_position_range = (0.0, 0.0)
-    env = gymnasium.make_vec("Stripe-Tracking-Flat-G1-v0", cfg=cfg)
+    cfg = config("Stripe-Tracking-Flat-G1-Play-v0")
+    cfg.commands.motion.motion_file = str(path)
+    env = gymnasium.make_vec("Stripe-Tracking-Flat-G1-Play-v0", cfg=cfg)
     assert ONE_LAUNCH in env.describe()
     obs, _ = env.reset(seed=0)
     assert {k: tuple(v.shape) for k, v in obs.items()} == {"policy": (N, 160), "critic": (N, 286)}
     term = env.command_manager.get_term("motion")
+    assert (term.start == 0).all()
     torch.testing.assert_close(term.frame, term.start + 1)
     term.frame[:] = term.start  # one frame back: that at which the robot was put down
     names = [n for n in env.reward_manager.active_terms if n.startswith("motion_")]

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion tracking by Unitree's G1: ``Stripe-Tracking-Flat-G1-v0``.
+"""Motion tracking by Unitree's G1: ``Stripe-Tracking-Flat-G1-v0``, and ``-Play-v0`` for what it has learnt.
 
 Terms, weights, noise and randomisation are those of BeyondMimic (Liao et al. 2025) as mjlab has them, with these
 differences: the bins before a failure are sampled more often, too, half of the episodes begin anywhere, and there is a
-reward for the places of hands and feet alone. Motions are not
-part of this package: ``commands.motion.motion_file`` names files, such as those of LAFAN1 that Unitree publishes,
-retargeted to this robot.
+reward for the places of hands and feet alone. Motions are not part of this package: ``commands.motion.motion_file``
+names files, such as those of LAFAN1 that Unitree publishes, retargeted to this robot.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from stripe_newton.viewers import ViewerCfg
 from stripe_tasks.published_robots import G1_DRIVES, action_scale, g1_cfg
 from stripe_tasks.robot_scene import RobotSceneCfg
 
-__all__ = ["TrackingEnvCfg", "TrackingPPORunnerCfg"]
+__all__ = ["TrackingEnvCfg", "TrackingPPORunnerCfg", "TrackingPlayEnvCfg"]
 
 ANCHOR = "torso_link"
 TRACKED = [
@@ -261,6 +260,22 @@ class TrackingEnvCfg(ManagerBasedRLEnvCfg):
 
     def __post_init__(self) -> None:
         self.scene.robot = g1_cfg().replace(prim_path="{ENV_REGEX_NS}/Robot")
+
+
+@configclass
+class TrackingPlayEnvCfg(TrackingEnvCfg):
+    """The same for a trained policy: motions from their start to their end, without pushes and noise of sensors."""
+
+    episode_length_s: float = 1.0e5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.events.push_robot = None
+        self.observations.policy.enable_corruption = False
+        self.commands.motion.sampling_mode = "start"
+        self.commands.motion.pose_range = {}
+        self.commands.motion.velocity_range = {}
+        self.commands.motion.joint_position_range = (0.0, 0.0)
 
 
 @configclass
