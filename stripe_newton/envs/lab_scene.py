@@ -13,7 +13,20 @@ import warp as wp
 
 from stripe_newton.assets import ArticulationCfg, AssetBaseCfg, TerrainBaseCfg
 from stripe_newton.configclass import ConfigError, configclass, is_config
-from stripe_newton.fusion import Captured, Eager, Item, Plan, Section, Stage, block, code, fuse, may_use, only, usage_of
+from stripe_newton.fusion import (
+    HostFunction,
+    Item,
+    KernelLaunches,
+    Plan,
+    Section,
+    Stage,
+    block,
+    code,
+    fuse,
+    may_use,
+    only,
+    usage_of,
+)
 from stripe_newton.managers import (
     ActionManager,
     CommandManager,
@@ -331,7 +344,7 @@ class LabScene(SteppedScene):
         # Made last, when every parameter that a curriculum may change exists. The log runs beside the rest: no kernel
         # of this step reads it.
         end = self.curriculum_manager.update_items()
-        log = Captured("log", context.log.finish, concurrent=True, fields=frozenset())
+        log = KernelLaunches("log", context.log.finish, concurrent=True, fields=frozenset())
         readers = [*record.post_reset_items(), *commands, *end, *observed, *observe, *actions, *apply]
         self._defers_bodies = self._can_defer_bodies(readers)
         after_physics = [
@@ -360,7 +373,7 @@ class LabScene(SteppedScene):
         """Let the first host function after the physics count the step: torch terms see a count that includes it."""
         for index, stage in enumerate(stages):
             for place, item in enumerate(stage.items):
-                if isinstance(item, Eager):
+                if isinstance(item, HostFunction):
                     first = dataclasses.replace(item, function=partial(self._count_and_run, item.function))
                     items = [*stage.items[:place], first, *stage.items[place + 1 :]]
                     return [*stages[:index], Stage(stage.name, items), *stages[index + 1 :]]
@@ -400,16 +413,16 @@ class LabScene(SteppedScene):
         fields = _BODY_FIELDS if all_float else _BODY_FIELDS | _ROOT_FIELDS
         return not any(may_use(item, fields, self.context.scope.functions) for item in readers)
 
-    def _physics(self, apply: Sequence[Section | Eager]) -> Captured | Eager:
+    def _physics(self, apply: Sequence[Section | HostFunction]) -> KernelLaunches | HostFunction:
         """The physics steps, each after the action terms that compute targets from the state."""
         steps, sim = self.cfg.decimation, self.sim
         what = f"{type(sim.solver).__name__}, {steps} physics steps"
         if not apply:
-            return Captured(what, lambda: sim.launch(steps))
+            return KernelLaunches(what, lambda: sim.launch(steps))
         parts = [self._apply_part(index, item) for index, item in enumerate(apply)]
         what = f"{what}, before each: {', '.join(t for item in apply for t in item.terms)}"
         if all(isinstance(item, Section) for item in apply):
-            return Captured(what, lambda: sim.launch(steps, parts[0]))
+            return KernelLaunches(what, lambda: sim.launch(steps, parts[0]))
 
         def run() -> None:
             for _ in range(steps):
@@ -417,11 +430,11 @@ class LabScene(SteppedScene):
                     part()
                 sim.step(1)
 
-        classes = ", ".join(t for item in apply if isinstance(item, Eager) for t in item.terms)
-        return Eager(what, run, f"torch action terms: {classes}", [t for item in apply for t in item.terms])
+        classes = ", ".join(t for item in apply if isinstance(item, HostFunction) for t in item.terms)
+        return HostFunction(what, run, f"torch action terms: {classes}", [t for item in apply for t in item.terms])
 
-    def _apply_part(self, index: int, item: Section | Eager) -> Callable[[], None]:
-        if isinstance(item, Eager):
+    def _apply_part(self, index: int, item: Section | HostFunction) -> Callable[[], None]:
+        if isinstance(item, HostFunction):
             return item.function
         return fuse(
             f"step_apply_{index}" if index else "step_apply", [item], self.context.scope, self.num_envs, self.device

@@ -409,8 +409,8 @@ class SteppedScene:
         changed = [n for n in _STEP_METHODS if getattr(type(self), n).__module__.partition(".")[0] != package]
         if changed:
             return f"{type(self).__name__} has a {changed[0]} of its own"
-        if self.plan.eager:
-            stage, name, reason = self.plan.eager[0]
+        if self.plan.host_functions:
+            stage, name, reason = self.plan.host_functions[0]
             return f"stage '{stage}' has {name}: {reason}"
         return "an observation group is not concatenated" if _has_dicts(self.obs_buf) else ""
 
