@@ -51,11 +51,12 @@ from stripe_newton.scene import InteractiveSceneCfg, SceneBuilder, SceneControll
 from stripe_newton.sensors import SensorCfg
 from stripe_newton.sim import SimulationCfg
 
+from .built_scene import Extras, Observations
 from .env_state import EnvState
 from .manager_based_rl_env_cfg import MAX_STEPS, ManagerBasedRLEnvCfg
 from .name_checks import name_problems
 from .stage_items import count_section, scenery_items, sensor_items
-from .stepped_scene import Extras, Observations, SteppedScene
+from .stepped_scene import SteppedScene
 
 __all__ = ["LabScene", "LabSceneCfg"]
 
