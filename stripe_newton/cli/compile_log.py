@@ -37,9 +37,11 @@ def _quiet() -> Iterator[None]:
 
 
 def init_warp() -> None:
-    """Initialise Warp, without its warning where there is no NVIDIA driver."""
+    """Initialise Warp, without its lines about devices and its warning where there is no NVIDIA driver."""
+    level, wp.config.log_level = wp.config.log_level, wp.LOG_WARNING
     with _quiet() if ctypes.util.find_library("cuda") is None else nullcontext():
         wp.init()
+    wp.config.log_level = level
 
 
 class CompileLog:
