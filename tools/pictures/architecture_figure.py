@@ -19,7 +19,7 @@ LANES: dict[str, tuple[str, list[Box]]] = {
     "An action": (
         "in every step",
         [
-            ("env.step(action)", "checks and copies it in", "stripe_newton/envs/rl_env.py"),
+            ("env.step(action)", "checks and copies it in", "stripe_newton/envs/stepped_scene.py"),
             ("action terms", "scale and clip, set targets", "stripe_newton/managers/action_manager.py"),
             ("physics steps", "as many as decimation says", "stripe_newton/sim/simulation.py"),
             ("actuators", "targets become efforts", "stripe_newton/actuators/actuation.py"),
