@@ -47,10 +47,11 @@ class _Repository:
     cache: str
     """Folder of the part that is fetched."""
 
-    @property
-    def checkout(self) -> str:
-        """How a checkout is named, for error messages."""
-        return f"set {self.variable} to a checkout of {self.url.removeprefix('https://')}"
+    def checkout(self, folder: str) -> str:
+        """How a checkout with a folder is named, for error messages."""
+        given = os.environ.get(self.variable)
+        why_not = "" if given is None else f" (it is '{given}', which does not have the file in '{folder}')"
+        return f"set {self.variable} to a checkout of {self.url.removeprefix('https://')}{why_not}"
 
 
 _MENAGERIE = _Repository(
@@ -237,7 +238,7 @@ def _menagerie(name: str, file: str | None) -> Path:
     if file is not None and (path := _checked_out(_MENAGERIE, name, _with_suffix(file))) is not None:
         return path
     if not _installed("mujoco_menagerie"):
-        advice = f"or run 'pip install mujoco-menagerie', or {_MENAGERIE.checkout}"
+        advice = f"or run 'pip install mujoco-menagerie', or {_MENAGERIE.checkout(name)}"
         return _cloned(_MENAGERIE, name, _with_suffix(file or f"{name.split('_', 1)[-1]}.xml"), advice)
     menagerie = importlib.import_module("mujoco_menagerie")
     try:
@@ -249,7 +250,7 @@ def _menagerie(name: str, file: str | None) -> Path:
     except LookupError:
         raise
     except Exception as error:  # the package raises its own errors for a network that is not there, and urllib's
-        raise _unreachable(name, _MENAGERIE.title, error, f"or {_MENAGERIE.checkout}") from error
+        raise _unreachable(name, _MENAGERIE.title, error, f"or {_MENAGERIE.checkout(name)}") from error
 
 
 def _isaacgymenvs(name: str, file: str | None) -> Path:
@@ -258,7 +259,7 @@ def _isaacgymenvs(name: str, file: str | None) -> Path:
         raise ValueError(f"file: missing; the file inside '{name}' of {_GYM.title}, such as 'urdf/{name}.urdf'")
     folder = f"assets/urdf/{name}"
     found = _checked_out(_GYM, folder, file)
-    return _cloned(_GYM, folder, file, f"or {_GYM.checkout}") if found is None else found
+    return _cloned(_GYM, folder, file, f"or {_GYM.checkout(folder)}") if found is None else found
 
 
 def _with_suffix(file: str) -> str:

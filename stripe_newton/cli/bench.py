@@ -8,10 +8,9 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
-import warp as wp
-
 from . import BEGAN
 from .arguments import parse, task_of
+from .compile_log import CompileLog
 from .device import set_device, set_seeds
 from .kernel_warmup import warm_up
 from .options import BenchArgs
@@ -50,17 +49,19 @@ def measure(configs: Configs, args: BenchArgs) -> dict[str, Any]:
     if args.num_envs is not None:
         configs.env.scene.num_envs = args.num_envs
     configs.env.seed = args.seed
+    log = CompileLog.install()  # before the device is chosen, which initialises Warp
     set_device(configs.env, args.device)
     check(configs)
     set_seeds(args.seed)
-    wp.config.log_level = wp.LOG_WARNING
     count, device = configs.env.scene.num_envs, configs.env.sim.device
     print(f"{args.task}: {count} environments on {device}", file=sys.stderr, flush=True)
 
     def build() -> TorchVectorEnv:
         # Else this process would compile the same modules beside the warm-up that the command has started.
         warm_up(device or resolve_device(None))
-        return make_env(args.task, configs.env)
+        env = make_env(args.task, configs.env)
+        log.finish()
+        return env
 
     return {"task": args.task, **benchmark(build, args.steps, args.seed)}
 

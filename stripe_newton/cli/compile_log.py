@@ -15,7 +15,7 @@ from typing import TextIO
 
 import warp as wp
 
-__all__ = ["CompileLog"]
+__all__ = ["CompileLog", "init_warp"]
 
 _COMPILED = re.compile(r"Module (?P<name>\S+) .*load on device .* took (?P<ms>[\d.]+) ms\s+\(compiled\)")
 _LONG = 5.0
@@ -34,6 +34,14 @@ def _quiet() -> Iterator[None]:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nowhere)
+
+
+def init_warp() -> None:
+    """Initialise Warp, without its lines about devices and its warning where there is no NVIDIA driver."""
+    level, wp.config.log_level = wp.config.log_level, wp.LOG_WARNING
+    with _quiet() if ctypes.util.find_library("cuda") is None else nullcontext():
+        wp.init()
+    wp.config.log_level = level
 
 
 class CompileLog:
@@ -55,8 +63,7 @@ class CompileLog:
         wp.set_logger(log)
         wp.config.log_level = wp.LOG_INFO  # below it Warp does not say what it compiles
         logging.getLogger("newton").setLevel(logging.WARNING)  # it prints files that it writes, as commands do
-        with _quiet() if ctypes.util.find_library("cuda") is None else nullcontext():
-            wp.init()
+        init_warp()
         return log
 
     @property

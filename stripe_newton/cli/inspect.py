@@ -105,7 +105,7 @@ def _print_tables(found: _Inspection) -> None:
     """Print the facts, the reports and the actuators."""
     width = max(map(len, found.facts), default=0) + 2
     for name, value in found.facts.items():
-        lines = str(value).splitlines()
+        lines = _as_text(value).splitlines()
         print(f"{name:<{width}}" + "\n".join([lines[0], *(f"{'':<{width}}{line}".rstrip() for line in lines[1:])]))
     for report in found.reports:
         print(("\n" if found.facts else "") + report.to_text())
@@ -114,6 +114,15 @@ def _print_tables(found: _Inspection) -> None:
 
         print(actuator_table(found.actuators) + "\n")
     sys.stdout.flush()
+
+
+def _as_text(fact: object) -> str:
+    """A fact as text: numbers with six digits, and sizes by name, such as ``policy 6, critic 3 x 64``."""
+    if isinstance(fact, float):
+        return f"{fact:.6g}"
+    if isinstance(fact, dict):
+        return ", ".join(f"{name} {' x '.join(map(str, size))}" for name, size in fact.items())
+    return str(fact)
 
 
 def _watch(subject: object, args: InspectArgs) -> None:

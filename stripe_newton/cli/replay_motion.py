@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
 import tyro
 
 from .live_view import check_installed, open_viewer
@@ -84,6 +83,9 @@ def _load(args: ReplayMotionArgs) -> tuple[InteractiveScene, MotionLibrary]:
     from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
     from stripe_newton.sim import DistantLightCfg, DomeLightCfg, GroundPlaneCfg, Simulation, SimulationCfg
 
+    from .compile_log import init_warp
+
+    init_warp()
     try:
         motions = [
             read_motion(file, args.motion_fps, args.joint_names, args.quaternions) for file in find_motions(args.files)
@@ -133,19 +135,19 @@ def _table(library: MotionLibrary) -> str:
     return "\n".join(lines)
 
 
-def _frames(scene: InteractiveScene, library: MotionLibrary, count: int | None) -> Iterator[int]:
-    """Put the robot at one frame after the other: so many, or again and again."""
+def _poser(scene: InteractiveScene, library: MotionLibrary) -> Callable[[int], None]:
+    """A function that puts the robot at a frame, counted over all motions."""
     import torch
 
-    robot, index = scene["robot"], 0
-    while count is None or index < count:
-        frame = index % len(library.joint_pos)
-        pose, joints = (torch.as_tensor(x[frame : frame + 1]) for x in (library.body_pose[:, 0], library.joint_pos))
-        robot.write_root_pose_to_sim(pose)
+    robot = scene["robot"]
+
+    def pose(frame: int) -> None:
+        root, joints = (torch.as_tensor(x[frame : frame + 1]) for x in (library.body_pose[:, 0], library.joint_pos))
+        robot.write_root_pose_to_sim(root)
         robot.write_joint_state_to_sim(joints, torch.zeros_like(joints))
         scene.sim.forward()
-        yield index
-        index += 1
+
+    return pose
 
 
 def _film(scene: InteractiveScene, library: MotionLibrary, args: ReplayMotionArgs) -> Path:
@@ -158,10 +160,11 @@ def _film(scene: InteractiveScene, library: MotionLibrary, args: ReplayMotionArg
         origin_type="asset_root", asset_name="Robot", eye=(2.2, -2.4, 0.5), lookat=(0.0, 0.0, -0.05),
         resolution=args.resolution,
     )  # fmt: skip
-    renderer = SceneRenderer(scene.sim, cfg)
+    renderer, pose = SceneRenderer(scene.sim, cfg), _poser(scene, library)
     try:
         with VideoWriter(args.out, args.fps) as video:
-            for _ in _frames(scene, library, count):
+            for frame in range(count):
+                pose(frame)
                 video.add(renderer.render())
     finally:
         renderer.close()
@@ -170,16 +173,25 @@ def _film(scene: InteractiveScene, library: MotionLibrary, args: ReplayMotionArg
 
 def _watch(scene: InteractiveScene, library: MotionLibrary, args: ReplayMotionArgs) -> None:
     from stripe_newton.viewers import ViewerCfg
+    from stripe_newton.viewers.live.motion_panel import MotionPanel
 
     count = None if args.seconds is None else max(1, round(args.seconds * args.fps))
     cfg = ViewerCfg(origin_type="asset_root", asset_name="Robot", eye=(2.2, -2.4, 0.5), lookat=(0.0, 0.0, -0.05))
-    frames, title = _frames(scene, library, None), "replay-motion"
+    title = f"replay-motion: {Path(args.robot).name}"
     with open_viewer(scene, title, args.host, args.port, cfg=cfg, step_dt=1.0 / args.fps, fps=args.fps) as viewer:
+        panel = MotionPanel(
+            viewer.server.gui,
+            viewer.inbox,
+            [Path(name).name for name in library.names],
+            library.lengths,
+            args.fps,
+            _poser(scene, library),
+            viewer.set_status,
+            viewer.time.speed.order + 0.5,  # above the tabs, as it is what one looks for
+        )
         try:
-            for _ in viewer.steps(count):
-                index = next(frames) % len(library.joint_pos)
-                motion = int(np.searchsorted(library.starts, index, side="right")) - 1
-                frame = f"{index - int(library.starts[motion])} of {int(library.lengths[motion])}"
-                viewer.set_status({"motion": Path(library.names[motion]).name, "frame": frame})
+            for step in viewer.steps(count):
+                if step:
+                    panel.advance()
         except KeyboardInterrupt:
             print()

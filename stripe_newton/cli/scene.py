@@ -147,7 +147,10 @@ def _draw(scene: Scene, args: PreviewArgs, out: Path, progress: Progress) -> Non
     from stripe_newton.specifications.scene_pictures import ScenePictures
     from stripe_newton.viewers import save_image
 
+    from .compile_log import init_warp
+
     wp.config.log_level = wp.LOG_WARNING
+    init_warp()
     out.mkdir(parents=True, exist_ok=True)
     progress.step("maps", "maps")
     draw_maps(scene, out / "maps.png")

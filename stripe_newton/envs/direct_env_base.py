@@ -8,7 +8,7 @@ from typing import Protocol
 
 import torch
 
-from stripe_newton.fusion import Captured, Eager, Item, Stage
+from stripe_newton.fusion import HostFunction, Item, KernelLaunches, Stage
 
 from .events import EventRunner
 from .hook_results import value_per_env
@@ -48,12 +48,12 @@ class DirectEnvBase(RLEnv):
 
     # -- stages that both have
 
-    def _torch_physics(self) -> Eager:
+    def _torch_physics(self) -> HostFunction:
         """The physics with the torch hook ``_apply_action``, before each physics step or once before all of them."""
         graph = self.device != "cpu" and self.cfg.sim.use_cuda_graph
         how = f"torch hook; the physics is {'one CUDA graph' if graph else 'kernel by kernel'}"
         name = f"_apply_action ({self._substeps.mode}), {self._physics_name}"
-        return Eager(name, lambda: self._substeps.run(self), how)
+        return HostFunction(name, lambda: self._substeps.run(self), how)
 
     def run_apply_action(self) -> None:
         """Run ``_apply_action`` and hand over what assets have pending."""
@@ -81,11 +81,11 @@ class DirectEnvBase(RLEnv):
     def _sensor_items(self) -> list[Item]:
         items: list[Item] = []
         if self.scene.needs_update:
-            items.append(Eager("assets", lambda: self.scene.update_assets(self.step_dt), "host update"))
+            items.append(HostFunction("assets", lambda: self.scene.update_assets(self.step_dt), "host update"))
         return [*items, *sensor_items(self.scene, self.context, "launch_observed")]
 
     def _log_items(self) -> list[Item]:
-        return [Captured("log", self.context.log.finish)] if self.context.log.keys else []
+        return [KernelLaunches("log", self.context.log.finish)] if self.context.log.keys else []
 
     # -- results of torch hooks, written into the memory that kernels read
 

@@ -9,7 +9,7 @@ import torch
 from gymnasium import spaces
 
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.fusion import Eager, Item, Stage
+from stripe_newton.fusion import HostFunction, Item, Stage
 from stripe_newton.noise import NoiseModelCfg
 
 from .by_agent import (
@@ -191,12 +191,12 @@ class DirectMARLEnv(DirectEnvBase):
     def _stages(self) -> list[Stage]:
         count = count_section(self.context).only(self.context.within_step)
         outcome: list[Item] = [count, self._safety.after_physics(), self._hook("_get_dones", self._take_dones)]
-        reset: list[Item] = [Eager("_reset_idx, forward kinematics", self._torch_reset, "torch hook")]
+        reset: list[Item] = [HostFunction("_reset_idx, forward kinematics", self._torch_reset, "torch hook")]
         if self.cfg.compute_final_obs:
-            reset.insert(0, Eager("final observations", self._keep_final_observations, "torch copies"))
+            reset.insert(0, HostFunction("final observations", self._keep_final_observations, "torch copies"))
         events: list[Item] = []
         if self._events is not None and self._events.has_intervals:
-            events.append(Eager("interval events", self._run_interval_events, "torch terms"))
+            events.append(HostFunction("interval events", self._run_interval_events, "torch terms"))
         return [
             Stage("actions", [self._hook("_pre_physics_step", lambda: self._pre_physics_step(self._action))]),
             Stage("physics", [self._torch_physics()]),
@@ -208,8 +208,8 @@ class DirectMARLEnv(DirectEnvBase):
             Stage("observations", [self._hook("_get_observations", self._observe), *self._log_items()]),
         ]
 
-    def _hook(self, name: str, function: Callable[[], None]) -> Eager:
-        return Eager(name, function, "torch hook")
+    def _hook(self, name: str, function: Callable[[], None]) -> HostFunction:
+        return HostFunction(name, function, "torch hook")
 
     def _checked_action(self, action: object) -> ByAgent:  # type: ignore[override]  # by agent
         refuse = self.cfg.nonfinite_actions == "raise" and self.device == "cpu"

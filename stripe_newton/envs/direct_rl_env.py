@@ -14,7 +14,7 @@ from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
 from stripe_newton.configclass import MISSING, ConfigError, configclass
-from stripe_newton.fusion import Captured, Eager, Item, Section, Stage
+from stripe_newton.fusion import HostFunction, Item, KernelLaunches, Section, Stage
 from stripe_newton.noise import NoiseModel, NoiseModelCfg
 
 from .hook_parts import hook_recorder
@@ -195,19 +195,21 @@ class DirectRLEnv(RecordingEnv):
     def _action_items(self) -> list[Item]:
         if self._hooks.pre_physics.is_warp:
             finite = self._safety.actions(self._actions_name)
-            launch = Captured("_launch_pre_physics_step", lambda: self._launch_pre_physics_step(self.warp.actions))
+            launch = KernelLaunches(
+                "_launch_pre_physics_step", lambda: self._launch_pre_physics_step(self.warp.actions)
+            )
             return [finite, launch]
         noise = ", noise" if self._action_noise_model is not None else ""
         return [self._torch_item(f"_pre_physics_step{noise}", self._torch_pre_physics, "_pre_physics_step")]
 
     def _physics_items(self) -> list[Item]:
         steps, name = self.cfg.decimation, self._physics_name
-        alone = Captured(name, lambda: self.sim.launch(steps))
+        alone = KernelLaunches(name, lambda: self.sim.launch(steps))
         if self._hooks.apply_action.is_warp and self._substeps.mode == "step":
-            return [Captured("_launch_apply_action", self._launch_apply_action), alone]
+            return [KernelLaunches("_launch_apply_action", self._launch_apply_action), alone]
         if self._hooks.apply_action.is_warp:
             each = self._launch_apply_action
-            return [Captured(f"{name}, _launch_apply_action before each", lambda: self.sim.launch(steps, each))]
+            return [KernelLaunches(f"{name}, _launch_apply_action before each", lambda: self.sim.launch(steps, each))]
         if self._hooks.pre_physics.is_warp and self._hooks.apply_action.is_empty:
             return [alone]
         return [self._torch_physics()]
@@ -251,13 +253,13 @@ class DirectRLEnv(RecordingEnv):
     def _reset_items(self) -> list[Item]:
         items = self._list_items()
         if self.cfg.compute_final_obs:
-            items.append(Eager("final observations", self._keep_final_observations, "torch copies"))
+            items.append(HostFunction("final observations", self._keep_final_observations, "torch copies"))
         if not self._hooks.reset.is_warp:
             return [*items, self._torch_reset_item("_reset_idx, forward kinematics")]
         if self._events is not None or self._noise_models():
-            items.append(Eager("reset events, noise models", self._torch_reset_events, "torch terms"))
+            items.append(HostFunction("reset events, noise models", self._torch_reset_events, "torch terms"))
         items += [self._safety.begin_reset(), *scenery_items(self.scene, self.context)]
-        items.append(Captured("_launch_reset", lambda: self._launch_reset(self.warp.reset)))
+        items.append(KernelLaunches("_launch_reset", lambda: self._launch_reset(self.warp.reset)))
         return [*items, *sensor_items(self.scene, self.context, "launch_reset"), self._safety.end_reset()]
 
     def _torch_reset_events(self) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from stripe_newton.viewers import SceneRenderer
 
-    from .stepped_scene import SteppedScene
+    from .built_scene import BuiltScene
 
 __all__ = ["EnvPictures"]
 
@@ -24,7 +24,7 @@ class EnvPictures:
 
     renderer: SceneRenderer
 
-    def __init__(self, env: SteppedScene):
+    def __init__(self, env: BuiltScene):
         """Make the renderer with the settings of ``env.cfg.viewer``; most environments are never drawn."""
         from stripe_newton.viewers import SceneRenderer  # here, as it takes a while
         from stripe_newton.viewers.picture_layers import PictureLayers

@@ -11,7 +11,7 @@ import torch
 import warp as wp
 
 if TYPE_CHECKING:
-    from .stepped_scene import SteppedScene
+    from .scene_access import SceneAccess
 
 __all__ = ["EnvState", "repeats", "restore_state", "save_state", "state_arrays"]
 
@@ -19,7 +19,7 @@ EnvState = dict[str, object]
 """A saved state: plain values, tensors, and dicts and lists of them, as ``torch.save`` takes them."""
 
 
-def save_state(env: SteppedScene) -> EnvState:
+def save_state(env: SceneAccess) -> EnvState:
     """State of an environment: joints, targets, the solver's warm start, counters, and every tensor that the subclass
     keeps as an attribute."""
     moved = env.scene.scenery_seed != env.scene.first_scenery_seed
@@ -32,7 +32,7 @@ def save_state(env: SteppedScene) -> EnvState:
     }
 
 
-def restore_state(env: SteppedScene, state: EnvState) -> None:
+def restore_state(env: SceneAccess, state: EnvState) -> None:
     """Restore a state of :func:`save_state` in an environment whose scenery has the seed of the state already.
 
     Raises:
@@ -70,7 +70,7 @@ def restore_state(env: SteppedScene, state: EnvState) -> None:
     env.sim.forward()
 
 
-def state_arrays(env: SteppedScene) -> dict[str, wp.array]:
+def state_arrays(env: SceneAccess) -> dict[str, wp.array]:
     """Arrays of the simulation and of the managers that last from step to step, by name."""
     sim = env.sim
     found = {
@@ -90,14 +90,14 @@ def state_arrays(env: SteppedScene) -> dict[str, wp.array]:
     return {k: v for k, v in found.items() if v is not None and v.size}
 
 
-def _buffers(env: SteppedScene) -> dict[str, torch.Tensor]:
+def _buffers(env: SceneAccess) -> dict[str, torch.Tensor]:
     """Tensors that a subclass keeps as attributes, without those that share memory with the simulation."""
     shared = [*state_arrays(env).values(), env.sim.state.body_q, env.sim.state.body_qd]
     places = {wp.to_torch(array).untyped_storage().data_ptr() for array in shared}
     return {k: v for k, v in _tensors(vars(env)).items() if v.untyped_storage().data_ptr() not in places}
 
 
-def _restore_buffers(env: SteppedScene, saved: dict[str, torch.Tensor]) -> None:
+def _restore_buffers(env: SceneAccess, saved: dict[str, torch.Tensor]) -> None:
     buffers = _buffers(env)
     for name, value in saved.items():
         mine = buffers.get(name)

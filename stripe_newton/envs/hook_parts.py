@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import torch
 import warp as wp
 
-from stripe_newton.fusion import Eager
+from stripe_newton.fusion import HostFunction
 from stripe_newton.sim.capture import TorchGraph
 
 from .call_counts import warp_waits
@@ -179,9 +179,9 @@ class HookPart:
         """
         self._recorder, self.hook, self._before = recorder, hook, before
 
-    def item(self, name: str) -> Eager:
+    def item(self, name: str) -> HostFunction:
         """The hook as an item."""
-        return Eager(name, self.run, "torch hook", part=self)
+        return HostFunction(name, self.run, "torch hook", part=self)
 
     def run(self) -> None:
         """Run the hook, in the way of its recorder."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from stripe_newton.fusion import Captured, Item
+from stripe_newton.fusion import Item, KernelLaunches
 
 __all__ = ["DirectHooks", "Filling", "Hook"]
 
@@ -53,7 +53,7 @@ class Hook:
             note: Other things that run with the torch hook, for the description of the step.
         """
         if self.is_warp:
-            return Captured(self.warp_name, launch)
+            return KernelLaunches(self.warp_name, launch)
         return torch_hook(f"{self.torch_name}{note}")
 
 

@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator
 from typing import ClassVar
 
 import torch
@@ -13,7 +11,11 @@ import warp as wp
 
 from stripe_newton.assets import ArticulationCfg, AssetBaseCfg, TerrainBaseCfg
 from stripe_newton.configclass import ConfigError, configclass, is_config
-from stripe_newton.fusion import Captured, Eager, Item, Plan, Section, Stage, block, code, fuse, may_use, only, usage_of
+from stripe_newton.fusion import (
+    Plan,
+    Stage,
+    usage_of,
+)
 from stripe_newton.managers import (
     ActionManager,
     CommandManager,
@@ -31,28 +33,24 @@ from stripe_newton.managers import (
     spawn_object_pools,
 )
 from stripe_newton.managers.custom_manager import make_custom_managers
-from stripe_newton.managers.default_reset import default_reset_items
 from stripe_newton.managers.manager_base import terms_of
 from stripe_newton.managers.outside_step import OutsideStep
 from stripe_newton.scene import InteractiveSceneCfg, SceneBuilder, SceneController, SceneQuerier
 from stripe_newton.sensors import SensorCfg
 from stripe_newton.sim import SimulationCfg
 
+from .built_scene import Extras, Observations
 from .env_state import EnvState
 from .manager_based_rl_env_cfg import MAX_STEPS, ManagerBasedRLEnvCfg
+from .manager_stages import ManagerStages
 from .name_checks import name_problems
-from .stage_items import count_section, scenery_items, sensor_items
-from .stepped_scene import Extras, Observations, SteppedScene
+from .stepped_scene import SteppedScene
 
 __all__ = ["LabScene", "LabSceneCfg"]
 
 _OBSERVABLES = {"body_acc": "body_qdd", "body_parent_wrench": "body_parent_f"}
 """Fields of articulations that the solver reports on request only, with Newton's name of the request."""
 _FIELDS = "observations", "rewards", "terminations", "events", "curriculum", "metrics", "commands", "actions"
-_BODY_FIELDS = frozenset({"body_pose", "body_vel"})
-"""Fields that forward kinematics computes."""
-_ROOT_FIELDS = frozenset({"root_pose", "root_vel"})
-"""Fields that forward kinematics computes for a fixed base; those of a floating base are joint coordinates."""
 
 
 @configclass
@@ -280,166 +278,10 @@ class LabScene(SteppedScene):
         return super().step(action)
 
     def _stages(self) -> list[Stage]:
-        context, safety, record = self.context, self._safety, self.recorder_manager
-        in_step = context.within_step
-        apply, process = self.action_manager.apply_items(), self.action_manager.process_items()
-        # Actions may be processed by one thread for each number. The count then takes part in that kernel's layout
-        # (one of its threads does it), so that the two are not cut into two kernels.
-        parts = int(any(isinstance(item, Section) and item.parts for item in process))
-        own = list(self.custom_managers.values())
-        apply += [item for m in own for item in m.substep_items()]
-        process += [item for m in own for item in m.action_items()]
-        actions = [count_section(context, parts), *process, *record.pre_step_items()]
-        measured = sensor_items(self.scene, context, "launch_measured")
-        # Terminations and rewards read the state after the physics. Terminations come first: rewards of termination
-        # read which episodes end.
-        after = [item for m in own for item in m.physics_items()]
-        outcome = [safety.after_physics(), *after, *self.termination_manager.compute_items()]
-        rewards = [*self.reward_manager.compute_items(), *self.metrics_manager.compute_items()]
-        rewards += [item for m in own for item in m.reward_items()]
-        # The curriculum reads sums and states of the episode that ended, so it runs before the reset clears them.
-        curriculum = only(self.curriculum_manager.compute_items(), in_step, context.is_finite)
-        curriculum += only([item for m in own for item in m.log_items()], in_step, context.is_reset)
-        reset: list[Item] = [
-            *record.pre_reset_items(),
-            *self.reward_manager.reset_items(),
-            *self.metrics_manager.reset_items(),
-            safety.begin_reset(),
-            *scenery_items(self.scene, context),
-            # Before the events, which override it: what nobody resets must not go on from the last episode.
-            *self._default_reset_items(),
-            *self.event_manager.reset_items(),
-            # After the events, as spawned objects keep a distance from the positions that robots are reset to.
-            *self.object_manager.reset_items(),
-            *self.action_manager.reset_items(),
-            *self.command_manager.reset_items(),
-            *self.observation_manager.reset_items(),
-            *only([item for m in own for item in m.reset_items()], context.is_reset),
-            # Class terms read the states that the events have set, and the length of the episode that ended.
-            *self._reset_classes(),
-            safety.end_reset(),
-            *sensor_items(self.scene, context, "launch_reset"),
-        ]
-        events = [*self.event_manager.interval_items(), *self.event_manager.step_items()]
-        objects = self.object_manager.update_items()
-        # Commands, observed sensors and observations follow forward kinematics: they read the bodies of new episodes.
-        commands = only(self.command_manager.compute_items(), in_step)
-        before = [item for m in own for item in m.observation_items()]
-        observe = only([*before, *self.observation_manager.compute_items()], context.within_step_or_reset)
-        observed = sensor_items(self.scene, context, "launch_observed")
-        final = self._final_observations()
-        # Made last, when every parameter that a curriculum may change exists. The log runs beside the rest: no kernel
-        # of this step reads it.
-        end = self.curriculum_manager.update_items()
-        log = Captured("log", context.log.finish, concurrent=True, fields=frozenset())
-        readers = [*record.post_reset_items(), *commands, *end, *observed, *observe, *actions, *apply]
-        self._defers_bodies = self._can_defer_bodies(readers)
-        after_physics = [
-            *([Stage("measurements", measured)] if measured else []),
-            Stage("outcome", only(outcome, in_step)),
-            Stage("rewards", [*only(rewards, in_step), *record.post_step_items()]),
-            Stage("episode log", [*final, *curriculum, *only(self.termination_manager.reset_items(), in_step)]),
-            Stage("reset", reset),
-            Stage("events", only(events, in_step)),
-            Stage("objects", only(objects, in_step)),
-            Stage("forward kinematics", [*safety.forward(deferred=self._defers_bodies), *record.post_reset_items()]),
-            Stage("commands", commands),
-            Stage("log", [*end, log]),
-            Stage("sensors", observed),
-            Stage("observations", observe),
-        ]
-        return [Stage("actions", actions), Stage("physics", [self._physics(apply)]), *self._counting(after_physics)]
-
-    def _default_reset_items(self) -> list[Item]:
-        """The item that brings assets to their default state that neither an event nor a pool resets."""
-        events = [term for _, term in self.event_manager.items()]
-        pooled = [name for pool in self.object_manager.pools.values() for name in pool.names]
-        return default_reset_items(self.context, events, pooled, self.cfg.keep_at_reset)
-
-    def _counting(self, stages: list[Stage]) -> list[Stage]:
-        """Let the first host function after the physics count the step: torch terms see a count that includes it."""
-        for index, stage in enumerate(stages):
-            for place, item in enumerate(stage.items):
-                if isinstance(item, Eager):
-                    first = dataclasses.replace(item, function=partial(self._count_and_run, item.function))
-                    items = [*stage.items[:place], first, *stage.items[place + 1 :]]
-                    return [*stages[:index], Stage(stage.name, items), *stages[index + 1 :]]
+        maker = ManagerStages(self, self._safety)
+        stages = maker.make()
+        self._defers_bodies = maker.defers_bodies
         return stages
-
-    def _count_and_run(self, function: Callable[[], None]) -> None:
-        self.count_step()
-        function()
-
-    def _reset_classes(self) -> list[Item]:
-        """Items that reset class terms and torch action terms, manager by manager."""
-        managers = (
-            self.observation_manager,
-            self.action_manager,
-            self.reward_manager,
-            self.metrics_manager,
-            self.curriculum_manager,
-            self.command_manager,
-            self.event_manager,
-            self.termination_manager,
-        )
-        return [item for manager in managers for item in manager.reset_instance_items()]
-
-    def _can_defer_bodies(self, readers: list[Item]) -> bool:
-        """Whether nothing needs the bodies between the reset and the next physics step, which computes them anyway.
-
-        Args:
-            readers: All that runs in between, from forward kinematics to the end of the step and, in the next one, up
-                to the physics.
-        """
-        sim, solver = self.sim, self.sim.cfg.solver
-        if not (solver.finds_contacts and solver.reduced_coordinates and solver.in_place):
-            return False  # the solver, or Newton's collision pipeline, starts from body poses
-        if sim.turns_wrenches:
-            return False
-        all_float = all(a.layout.floating for a in self.scene.articulations.values())
-        fields = _BODY_FIELDS if all_float else _BODY_FIELDS | _ROOT_FIELDS
-        return not any(may_use(item, fields, self.context.scope.functions) for item in readers)
-
-    def _physics(self, apply: Sequence[Section | Eager]) -> Captured | Eager:
-        """The physics steps, each after the action terms that compute targets from the state."""
-        steps, sim = self.cfg.decimation, self.sim
-        what = f"{type(sim.solver).__name__}, {steps} physics steps"
-        if not apply:
-            return Captured(what, lambda: sim.launch(steps))
-        parts = [self._apply_part(index, item) for index, item in enumerate(apply)]
-        what = f"{what}, before each: {', '.join(t for item in apply for t in item.terms)}"
-        if all(isinstance(item, Section) for item in apply):
-            return Captured(what, lambda: sim.launch(steps, parts[0]))
-
-        def run() -> None:
-            for _ in range(steps):
-                for part in parts:
-                    part()
-                sim.step(1)
-
-        classes = ", ".join(t for item in apply if isinstance(item, Eager) for t in item.terms)
-        return Eager(what, run, f"torch action terms: {classes}", [t for item in apply for t in item.terms])
-
-    def _apply_part(self, index: int, item: Section | Eager) -> Callable[[], None]:
-        if isinstance(item, Eager):
-            return item.function
-        return fuse(
-            f"step_apply_{index}" if index else "step_apply", [item], self.context.scope, self.num_envs, self.device
-        ).launch
-
-    def _final_observations(self) -> list[Item]:
-        """Items that copy the last observations of episodes that end, where ``compute_final_obs`` is set."""
-        if not self.cfg.compute_final_obs:
-            return []
-        copies, scope = [], self.context.scope
-        compute = self.observation_manager.compute_items(where_reset=True)
-        for name, buffer in self.observation_manager.flat_buffers().items():
-            source = scope.name(f"obs_{name}", buffer)
-            target = scope.name(f"final_{name}", self.outputs.array(f"final.{name}"))
-            copy = code("{}[env, i] = {}[env, i]", target, source)
-            copies += block(code("for i in range({}.shape[1]):", target), [copy])
-        keep = Section("final_observations", copies).only(self.context.is_reset)
-        return only([*compute, keep], self.context.within_step)
 
     @property
     def _action_shape(self) -> tuple[int, ...]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import torch
 
 from stripe_newton.configclass import MISSING, ConfigError
-from stripe_newton.fusion import Captured, Eager, Item
+from stripe_newton.fusion import HostFunction, Item, KernelLaunches
 
 from .direct_env_base import DirectEnvBase
 from .hook_graphs import HookRecorder, Launched
@@ -46,7 +46,7 @@ class RecordingEnv(DirectEnvBase):
 
     def _torch_item(
         self, name: str, function: Callable[[], None], method: str, before: Callable[[], None] | None = None
-    ) -> Eager:
+    ) -> HostFunction:
         """A torch hook as an item of a step.
 
         Args:
@@ -64,15 +64,15 @@ class RecordingEnv(DirectEnvBase):
                 before()
             function()
 
-        return Eager(name, run, "torch hook")
+        return HostFunction(name, run, "torch hook")
 
-    def _torch_physics(self) -> Eager:
+    def _torch_physics(self) -> HostFunction:
         physics = super()._torch_physics()
         if self._recorder is None:
             return physics
         hook = self._recorder.add("_apply_action", super().run_apply_action, type(self)._apply_action)
         self._apply_part = PhysicsPart(self, self._recorder, hook)
-        return Eager(physics.name, self._run_physics, physics.reason, part=self._apply_part)
+        return HostFunction(physics.name, self._run_physics, physics.reason, part=self._apply_part)
 
     def _run_physics(self) -> None:
         """Run the physics hook by hook, for a step that watches or compares."""
@@ -87,20 +87,20 @@ class RecordingEnv(DirectEnvBase):
         else:
             self._recorder.run(self._apply_part.hook)
 
-    def _torch_reset_item(self, name: str) -> Eager:
+    def _torch_reset_item(self, name: str) -> HostFunction:
         """``_reset_idx`` as an item of a step."""
         if self._recorder is None:
-            return Eager(name, self._torch_reset, "torch hook")
+            return HostFunction(name, self._torch_reset, "torch hook")
         part = self._reset_part = ResetPart(self, self._recorder)
         method = type(self)._reset_idx
         part.hook = self._recorder.add(name, self._reset_listed, method, joins=False, as_variant=part.as_variant)
-        return Eager(name, self._torch_reset, "torch hook", part=part)
+        return HostFunction(name, self._torch_reset, "torch hook", part=part)
 
     def _list_items(self) -> list[Item]:
         """Kernels that list the environments of the reset mask, where graphs of torch resets read the list."""
         if self._recorder is None or self._hooks.reset.is_warp:
             return []
-        return [Captured("list of resets", self.context.reset_mask.launch_list, fields=frozenset())]
+        return [KernelLaunches("list of resets", self.context.reset_mask.launch_list, fields=frozenset())]
 
     def _torch_reset(self) -> None:
         if self._recorder is None:

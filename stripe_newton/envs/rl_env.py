@@ -10,7 +10,8 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from .stepped_scene import RENDER_MODES, Extras, Observations, ResetOptions, SteppedScene
+from .built_scene import RENDER_MODES, Extras, Observations
+from .stepped_scene import ResetOptions, SteppedScene
 
 __all__ = ["Extras", "Observations", "RLEnv", "ResetOptions"]
 

@@ -15,7 +15,7 @@ from stripe_kernels.episode import (
     restore_row,
     row_is_finite,
 )
-from stripe_newton.fusion import Captured, Code, Item, Name, Section, block, code
+from stripe_newton.fusion import Code, Item, KernelLaunches, Name, Section, block, code
 from stripe_newton.managers import ManagerContext
 from stripe_newton.sim import Simulation
 from stripe_newton.sim.host_flags import HostFlags
@@ -136,9 +136,9 @@ class Safety:
         lines = [code("{}[env, {}] = {}", self._articulation_mask, a, follows) for a in range(self._per_env)]
         items: list[Item] = [Section("masks", lines)]
         if not deferred:
-            items.append(Captured("forward kinematics", self._sim.forward_masked))
+            items.append(KernelLaunches("forward kinematics", self._sim.forward_masked))
         # It may run beside the items that follow: only the physics of the next step reads the solver's memory.
-        clear = Captured("solver memory cleared", self._clear_solver, concurrent=True, fields=frozenset())
+        clear = KernelLaunches("solver memory cleared", self._clear_solver, concurrent=True, fields=frozenset())
         return [*items, clear]
 
     def _clear_solver(self) -> None:

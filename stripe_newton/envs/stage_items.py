@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from stripe_newton.fusion import Captured, Item, Section, code
+from stripe_newton.fusion import Item, KernelLaunches, Section, code
 from stripe_newton.managers import ManagerContext
 from stripe_newton.scene import InteractiveScene
 
@@ -36,7 +36,7 @@ def sensor_items(scene: InteractiveScene, context: ManagerContext, when: str) ->
     for name, sensor in scene.sensors.items():
         if when in sensor.measures:
             launch = getattr(sensor, when)
-            items.append(Captured(name, partial(launch, context.reset) if when == "launch_reset" else launch))
+            items.append(KernelLaunches(name, partial(launch, context.reset) if when == "launch_reset" else launch))
     return items
 
 
@@ -50,7 +50,7 @@ def scenery_items(scene: InteractiveScene, context: ManagerContext) -> list[Item
     if scene.scenery is None:
         return []
     name = "place to start" if scene.scenery.reset.draws else "bodies of the scenery"
-    return [Captured(name, partial(launch_scenery_reset, scene, context))]
+    return [KernelLaunches(name, partial(launch_scenery_reset, scene, context))]
 
 
 def launch_scenery_reset(scene: InteractiveScene, context: ManagerContext) -> None:

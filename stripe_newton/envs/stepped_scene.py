@@ -1,57 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stepped scene: a simulation, a scene and a step that is a list of stages, without the interface of gymnasium."""
+"""Stepped scene: reset and step of a built scene, as a list of stages, without the interface of gymnasium."""
 
 from __future__ import annotations
 
-import math
-import random
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, SupportsIndex
+from collections.abc import Callable, Mapping, Sequence
+from typing import ClassVar
 
-import numpy as np
 import torch
-import warp as wp
-from gymnasium.utils import seeding
-from typing_extensions import Self
 
-from stripe_newton.call_checks import (
-    check_finite_actions,
-    check_state,
-    checked_function,
-    checked_lengths,
-    checked_mask,
-    checked_seed,
-    reset_mask_of,
-    to_tensor,
-)
-from stripe_newton.configclass import ConfigError, check_types, is_config
+from stripe_newton.call_checks import check_finite_actions, checked_mask, reset_mask_of, to_tensor
+from stripe_newton.configclass import ConfigError
 from stripe_newton.fusion import Plan, Stage
-from stripe_newton.managers import ManagerContext, TermEvaluation
-from stripe_newton.scene import InteractiveScene
-from stripe_newton.sim import Simulation, SimulationCfg
-from stripe_newton.value_types import short
 
-from .env_pictures import EnvPictures
-from .env_state import EnvState, restore_state, save_state
-from .output_block import OutputBlock
-from .rl_env_cfg import RLEnvCfg
-from .safety import Safety
-from .single_caller import SingleCaller
+from .built_scene import Extras, Observations
+from .scene_access import SceneAccess
 from .without_gradients import without_gradients
 
-if TYPE_CHECKING:
-    from stripe_newton.viewers import SceneRenderer
+__all__ = ["ResetOptions", "SteppedScene"]
 
-__all__ = ["RENDER_MODES", "Extras", "Observations", "ResetOptions", "SteppedScene"]
-
-Observations = dict[str, Any]
-"""Observations by group; a dict by term in the place of a tensor where a group's terms are not concatenated."""
-Extras = dict[str, Any]
-"""Extras of a reset or step, gymnasium's ``infos``; ``"log"`` is a dict of numbers."""
 ResetOptions = Mapping[str, object]
 """Options of a reset; see :meth:`SteppedScene.reset`."""
-RENDER_MODES = (None, "rgb_array")
-"""Render modes of all environments."""
 _STEP_METHODS = (
     "step", "begin_step", "launch_step", "finish_step", "_take_action", "_collect_observations", "_rewards",
     "_begin_extras",
@@ -59,176 +27,20 @@ _STEP_METHODS = (
 """Methods that do not run when a recorded step is replayed. A subclass that overrides one cannot be recorded."""
 
 
-class SteppedScene:
-    """Simulation, scene, and a step that is a list of stages: the part of environments that needs no gymnasium.
+class SteppedScene(SceneAccess):
+    """A scene with a step that is a list of stages: the part of environments that needs no gymnasium.
 
-    Subclasses define the stages. Environments that end are reset within the step.
-
-    Attributes:
-        cfg: The config.
-        sim: The simulation.
-        scene: The scene.
-        context: Arrays and names that kernels share.
-        common_step_counter: Environment steps taken.
-        reset_buf: Environments that ended in the last step, bool, shape ``(num_envs,)``.
-        reset_terminated: Environments that ended in failure or success, bool, shape ``(num_envs,)``.
-        reset_time_outs: Environments that ran out of time, bool, shape ``(num_envs,)``.
-        extras: Extras of the last reset or step; ``extras["log"]`` is a new dict in every step.
+    Subclasses define the stages. Environments that end are reset within the step. The methods in the order in which a
+    step calls them: :meth:`begin_step`, then the stages by :attr:`plan`, then :meth:`finish_step`.
     """
 
-    scene_class: ClassVar[type[InteractiveScene]] = InteractiveScene
-    """Class of the scene."""
-    simulation_class: ClassVar[Callable[[SimulationCfg], Simulation]] = Simulation
-    """Class of the simulation, or a function that makes one."""
-
-    cfg: RLEnvCfg
-    closed: bool = False
-    """Whether :meth:`close` was called."""
-    _pictures: EnvPictures | None = None
-    _np_random: np.random.Generator | None = None
-    _np_random_seed: int | None = None
-
-    def __init_subclass__(cls, **kwargs: object):
-        """Let constructors make tensors that can be written anywhere, wherever an environment is made."""
-        super().__init_subclass__(**kwargs)
-        if "__init__" in vars(cls):
-            setattr(cls, "__init__", torch.inference_mode(False)(cls.__init__))  # noqa: B010  (a method, to mypy)
-
-    @torch.inference_mode(False)
-    def __init__(self, cfg: RLEnvCfg, render_mode: str | None = None, **kwargs: object):
-        """Build scene and simulation.
-
-        Args:
-            cfg: The config; it is copied.
-            render_mode: ``"rgb_array"`` for :meth:`render` to return pictures.
-            kwargs: Not used; a subclass may have arguments of its own, and unknown ones are an error.
-
-        Raises:
-            ConfigError: all problems of the config at once.
-            TypeError: for an unknown argument.
-        """
-        if kwargs:
-            raise TypeError(f"{type(self).__name__} got unexpected arguments: {', '.join(kwargs)}")
-        if render_mode is not None and (not isinstance(render_mode, str) or render_mode not in RENDER_MODES):
-            raise ValueError(f"render_mode: is {short(render_mode)}, must be None or 'rgb_array'")
-        self.cfg = _completed(cfg, type(self).__name__)
-        self.render_mode = render_mode
-        self._single_caller = SingleCaller(type(self).__name__)
-        if self.cfg.seed is not None:
-            self._seed_host(self.cfg.seed)  # before the scene, as hooks draw from torch and NumPy while they make it
-        self.sim = type(self).simulation_class(self.cfg.sim)
-        self.sim.decimation = self.cfg.decimation
-        self._prepare_simulation()
-        self.scene = self.scene_class(self.cfg.scene, self.sim)
-        with self.scene.construction():
-            self._setup_scene()
-        self.scene.builder.checks.append(self._name_problems)
-        self.scene.build()
-        self._make_buffers()
-
-    def _prepare_simulation(self) -> None:
-        """Set options of the simulation that must be known before the model is built. The default sets none."""
-
-    def _name_problems(self) -> Iterable[str]:
-        """Names in the config that the scene does not have, asked before the model is made; here none."""
-        return ()
-
-    def _setup_scene(self) -> None:
-        """Create assets that the scene config does not name; called while the scene is under construction."""
-
-    def _num_terminations(self) -> int:
-        return 0
-
     def _make_buffers(self) -> None:
-        self.outputs = OutputBlock(self.num_envs, self.device)
-        self.context = context = ManagerContext(
-            self.scene,
-            step_dt=self.step_dt,
-            decimation=self.cfg.decimation,
-            max_episode_length_s=self.max_episode_length_s,
-            max_episode_length=self.max_episode_length,
-            num_terminations=self._num_terminations(),
-            owner=self,
-            reserve=self.outputs.reserve,
-        )
-        context.seed(self._np_random_seed or int(torch.randint(2**31, ()).item()))
-        self._safety = Safety(self.sim, context)
-        self._episode_length_buf = wp.to_torch(context.episode.length)
-        self.reset_terminated = wp.to_torch(context.episode.terminated)
-        self.reset_time_outs = wp.to_torch(context.episode.truncated)
-        self.reset_buf = context.reset_mask.tensor
-        self.reset_buf[:] = True
-        self.reward_buf = wp.to_torch(context.reward)
-        self._stepping = wp.to_torch(context.stepping)
-        self.obs_buf: Observations = {}
-        self.extras: Extras = {"log": {}}
-        self.common_step_counter = 0
-        self._steps_before = 0
+        super()._make_buffers()
         self._plan: Plan | None = None
+        self._steps_before = 0
         self._recaptures = 0
 
-    # -- properties
-
-    @property
-    def num_envs(self) -> int:
-        """Number of environments."""
-        return self.scene.num_envs
-
-    @property
-    def device(self) -> str:
-        """Device of the simulation and of every tensor."""
-        return self.sim.device
-
-    @property
-    def physics_dt(self) -> float:
-        """Time step of the physics [s]."""
-        return self.sim.physics_dt
-
-    @property
-    def step_dt(self) -> float:
-        """Time step of the environment [s]."""
-        return self.sim.physics_dt * self.cfg.decimation
-
-    @property
-    def max_episode_length_s(self) -> float:
-        """Duration of an episode [s]."""
-        return self.cfg.episode_length_s
-
-    @property
-    def max_episode_length(self) -> int:
-        """Environment steps in an episode."""
-        # The tolerance: 0.3 s are three steps of 0.1 s, however the quotient is rounded.
-        return max(1, math.ceil(self.max_episode_length_s / self.step_dt - 1.0e-9))
-
-    @property
-    def episode_length_buf(self) -> torch.Tensor:
-        """Steps since the last reset, int64, shape ``(num_envs,)``; assigning copies into the same memory."""
-        return self._episode_length_buf
-
-    @episode_length_buf.setter
-    def episode_length_buf(self, value: torch.Tensor) -> None:
-        self._episode_length_buf.copy_(checked_lengths(value, self.num_envs, self.device))
-
     # -- reset and step
-
-    def seed(self, seed: int | None = None) -> int:
-        """Seed Python's, NumPy's and torch's random numbers; ``None`` draws a seed. Returns the seed.
-
-        Raises:
-            ValueError: if the seed is no whole number from 0 to 2**63 - 1.
-        """
-        seed = int(np.random.default_rng().integers(2**31)) if seed is None else checked_seed(seed)
-        self._seed_host(seed)
-        if "context" in vars(self):  # a hook may seed while the scene is made
-            self.context.seed(seed)
-        return seed
-
-    def _seed_host(self, seed: int) -> None:
-        """Seed the random numbers that hooks and the scene draw on the host."""
-        random.seed(seed)
-        np.random.seed(seed % 2**32)  # noqa: NPY002  (what users' hooks draw from)
-        torch.manual_seed(seed)
-        self._np_random, self._np_random_seed = seeding.np_random(seed)
 
     @without_gradients
     def reset(self, *, seed: int | None = None, options: ResetOptions | None = None) -> tuple[Observations, Extras]:
@@ -301,11 +113,6 @@ class SteppedScene:
 
     # -- the parts of a step: step() runs them, and so does a user who records the step in a CUDA graph (GraphStep)
 
-    def _check_open(self) -> None:
-        """Raise if the environment is closed: its model and solver are gone."""
-        if self.closed:
-            raise RuntimeError(f"{type(self).__name__}: is closed; make a new one")
-
     def begin_step(self) -> None:
         """Do the host's part before a step.
 
@@ -323,29 +130,6 @@ class SteppedScene:
             # An array that the graphs read has been replaced, for example by the first external force of a hook.
             self._recaptures = self.sim.recaptures
             self.plan.recapture()
-
-    def _record_mixed(self, function: Callable[[], None]) -> Callable[[], None]:
-        """Record what a function launches with torch and with Warp; returns the replay."""
-        raise NotImplementedError(f"{type(self).__name__} records no torch hooks")
-
-    def _replays(self) -> bool:
-        """Whether the present step launches graphs, if there are any."""
-        return True
-
-    def settle_hooks(self) -> None:
-        """Find out which torch hooks can be recorded, where that takes steps; the state is then as it was."""
-
-    def hook_log_keys(self) -> list[str]:
-        """Keys of the episode log that recorded torch hooks write."""
-        return []
-
-    def hook_log(self, launched: Sequence[Callable[[], None]]) -> dict[str, torch.Tensor]:
-        """Numbers that recorded torch hooks write to the episode log, by key.
-
-        Args:
-            launched: Result of :meth:`launch_step`.
-        """
-        return {}
 
     def launch_step(self, action: torch.Tensor) -> list[Callable[[], None]]:
         """Launch all kernels of a step on the current stream, so that a caller can record them in a CUDA graph.
@@ -403,21 +187,6 @@ class SteppedScene:
         self.extras["log"] = self.outputs.copies(self.extras.get("log") or {}, values) | self._log(values)
         return self.obs_buf, self._rewards(values), values["terminated"], values["truncated"], self.extras
 
-    def why_not_capturable(self) -> str:
-        """Reason why the step cannot be recorded in a caller's CUDA graph; empty if it can."""
-        package = __name__.partition(".")[0]
-        changed = [n for n in _STEP_METHODS if getattr(type(self), n).__module__.partition(".")[0] != package]
-        if changed:
-            return f"{type(self).__name__} has a {changed[0]} of its own"
-        if self.plan.eager:
-            stage, name, reason = self.plan.eager[0]
-            return f"stage '{stage}' has {name}: {reason}"
-        return "an observation group is not concatenated" if _has_dicts(self.obs_buf) else ""
-
-    def observation_views(self) -> Observations:
-        """Observations by group in the memory that every step overwrites, rather than in new tensors."""
-        return self._collect_observations(self.outputs.views())
-
     def _defer_body_update(self) -> None:
         """Leave forward kinematics after a reset to the next reader, where nothing in the plan reads a body."""
         if self._defers_bodies:
@@ -431,6 +200,8 @@ class SteppedScene:
         keys = self.context.log.keys
         return dict(zip(keys, values["log"][: len(keys)].unbind(), strict=True)) if keys else {}
 
+    # -- the stages
+
     @property
     def plan(self) -> Plan:
         """The step as stages."""
@@ -442,8 +213,6 @@ class SteppedScene:
             self._plan = Plan("step", stages, self.context.scope, self.num_envs, self.device, graph)
             self._plan.record_mixed = self._record_mixed
         return self._plan
-
-    # -- the parts that subclasses define
 
     @property
     def _action_shape(self) -> tuple[int, ...] | None:
@@ -482,6 +251,48 @@ class SteppedScene:
             check_finite_actions(action)
         return action
 
+    # -- recording: torch hooks as parts of graphs, and the step as a part of a caller's graph
+
+    def _record_mixed(self, function: Callable[[], None]) -> Callable[[], None]:
+        """Record what a function launches with torch and with Warp; returns the replay."""
+        raise NotImplementedError(f"{type(self).__name__} records no torch hooks")
+
+    def _replays(self) -> bool:
+        """Whether the present step launches graphs, if there are any."""
+        return True
+
+    def settle_hooks(self) -> None:
+        """Find out which torch hooks can be recorded, where that takes steps; the state is then as it was."""
+
+    def hook_log_keys(self) -> list[str]:
+        """Keys of the episode log that recorded torch hooks write."""
+        return []
+
+    def hook_log(self, launched: Sequence[Callable[[], None]]) -> dict[str, torch.Tensor]:
+        """Numbers that recorded torch hooks write to the episode log, by key.
+
+        Args:
+            launched: Result of :meth:`launch_step`.
+        """
+        return {}
+
+    def why_not_capturable(self) -> str:
+        """Reason why the step cannot be recorded in a caller's CUDA graph; empty if it can."""
+        package = __name__.partition(".")[0]
+        changed = [n for n in _STEP_METHODS if getattr(type(self), n).__module__.partition(".")[0] != package]
+        if changed:
+            return f"{type(self).__name__} has a {changed[0]} of its own"
+        if self.plan.host_functions:
+            stage, name, reason = self.plan.host_functions[0]
+            return f"stage '{stage}' has {name}: {reason}"
+        return "an observation group is not concatenated" if _has_dicts(self.obs_buf) else ""
+
+    def observation_views(self) -> Observations:
+        """Observations by group in the memory that every step overwrites, rather than in new tensors."""
+        return self._collect_observations(self.outputs.views())
+
+    # -- description, and another scene
+
     @property
     def nonfinite_worlds(self) -> int:
         """Number of worlds that became non-finite and were reset, as of the last report from the device."""
@@ -503,48 +314,6 @@ class SteppedScene:
         scenery = "" if self.scene.scenery is None else f"scenery: {self.scene.scenery.describe()}\n"
         return f"{scenery}physics: {self.sim.describe_solver()}\n\n{self.plan.describe(kernels)}"
 
-    def render(self) -> np.ndarray | None:
-        """A picture of the scene, uint8, shape ``(height, width, 3)``; ``None`` without ``render_mode="rgb_array"``.
-
-        Newton's camera sensor ray traces it, so neither a display nor a graphics library is needed.
-        """
-        self._check_open()
-        if self.render_mode != "rgb_array":
-            return None
-        if self._pictures is None:
-            self._pictures = EnvPictures(self)
-        return self._pictures.render()
-
-    @property
-    def renderer(self) -> SceneRenderer | None:
-        """The renderer of :meth:`render`, None before its first picture."""
-        return None if self._pictures is None else self._pictures.renderer
-
-    def close(self, **kwargs: object) -> None:
-        """Release renderer and simulation; a second call does nothing."""
-        if not self.closed:
-            self.close_extras(**kwargs)
-            self.closed = True
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
-        """Refuse to be copied or pickled, as for a process that is spawned: memory of a device cannot be."""
-        raise TypeError(
-            f"{type(self).__name__}: an environment cannot be copied or pickled; make another of its config, env.cfg, "
-            "in the process that uses it"
-        )
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
-
-    def close_extras(self, **kwargs: object) -> None:
-        """Release renderer and simulation."""
-        self._close_pictures()
-        if "scene" in vars(self):  # the constructor may have failed before
-            self.scene.close()
-
     def regenerate(self, seed: int) -> None:
         """Change to another scene of the same specification. All episodes are cut off and begin anew.
 
@@ -559,99 +328,6 @@ class SteppedScene:
         """
         self._move_to_scene(seed)
         self.reset()
-
-    @without_gradients
-    def _move_to_scene(self, seed: int) -> None:
-        self._check_open()
-        self.scene.regenerate(checked_seed(seed))
-        self._close_pictures()
-
-    def _close_pictures(self) -> None:
-        if self._pictures is not None:
-            self._pictures.close()
-            self._pictures = None
-
-    # -- Warp terms from torch code
-
-    @torch.no_grad()
-    def evaluate(self, term: wp.Function, **params: object) -> torch.Tensor:
-        """Value of a Warp term on the present state, for torch hooks and terms.
-
-        Args:
-            term: An observation, reward or termination term, such as ``mdp.joint_pos_rel``.
-            params: Its parameters, as in the config of a term.
-
-        Returns:
-            A new tensor: ``(num_envs, size)`` for an observation, ``(num_envs,)`` for rewards and terminations.
-
-        Raises:
-            ConfigError: parameters that do not fit.
-        """
-        return self._evaluation.value(checked_function(term, "term"), params)
-
-    @torch.no_grad()
-    def apply_event(
-        self, event: wp.Function, env_ids: Sequence[int] | torch.Tensor | None = None, **params: object
-    ) -> None:
-        """Run a Warp event, such as ``mdp.randomize_rigid_body_mass``, in some environments; None means all of them.
-
-        Raises:
-            ConfigError: parameters that do not fit.
-        """
-        self._evaluation.apply(checked_function(event, "event"), env_ids, params)
-
-    @property
-    def _evaluation(self) -> TermEvaluation:
-        self._check_open()
-        if self._evaluates is None:
-            self._evaluates = TermEvaluation(self.context)
-        return self._evaluates
-
-    _evaluates: TermEvaluation | None = None
-
-    # -- saving and restoring
-
-    def get_state(self) -> EnvState:
-        """State that the next step depends on; :meth:`set_state` restores it.
-
-        It has joints, targets, the solver's warm start, counters, and every tensor that the subclass keeps as an
-        attribute.
-        """
-        self._check_open()
-        return save_state(self)
-
-    @without_gradients
-    def set_state(self, state: EnvState) -> None:
-        """Restore a state of :meth:`get_state`; steps from there on repeat those that followed it.
-
-        Raises:
-            ValueError: if it is the state of another environment.
-        """
-        self._check_open()
-        check_state(state)
-        seed = state.get("scenery_seed", self.scene.first_scenery_seed)
-        if isinstance(seed, int) and seed != self.scene.scenery_seed:
-            self._move_to_scene(seed)
-        restore_state(self, state)
-
-    def state_parts(self) -> list[dict[str, torch.Tensor]]:
-        """Parts of the state that are not attributes of the environment, as the dicts of tensors that hold them."""
-        return []
-
-
-def _completed(cfg: RLEnvCfg, owner: str) -> RLEnvCfg:
-    """A copy of a config, completed and checked, for a class of environments."""
-    if not is_config(cfg):
-        given = f"the class {cfg.__name__}; call it" if isinstance(cfg, type) else short(cfg)
-        raise TypeError(f"{owner}: cfg: is {given}, must be a config of the environment")
-    cfg = cfg.copy()
-    try:
-        cfg.complete()
-    except (AttributeError, TypeError):
-        check_types(("cfg", cfg))  # what a value of a wrong type has led to is no help
-        raise
-    cfg.validate()
-    return cfg
 
 
 def _cloned(values: Extras) -> Extras:

@@ -10,9 +10,9 @@ launch for each, and a Python call. Fusion writes the source of one Warp kernel 
 2. *Write.* A manager writes calls and lines around them into a :class:`Section`: the body of a function that computes
    one environment. Lines are :class:`Code`, text that knows which names it uses; :func:`code` joins pieces of it. Each
    array, struct and function has one name in all kernels of an environment, given by its :class:`Scope`.
-3. *Fuse.* A step is a list of :class:`Stage`, whose items are sections, launches (:class:`Captured`) and functions on
-   the host (:class:`Eager`). A :class:`Plan` makes one kernel of consecutive sections (:func:`fuse`). Its arguments are
-   the names that the sections use. Source is written and never parsed.
+3. *Fuse.* A step is a list of :class:`Stage`, whose items are sections, launches (:class:`KernelLaunches`) and
+   functions on the host (:class:`HostFunction`). A :class:`Plan` makes one kernel of consecutive sections
+   (:func:`fuse`). Its arguments are the names that the sections use. Source is written and never parsed.
 4. *Record.* On a GPU the plan records all kernels and launches between two host functions as one CUDA graph.
 
 What a term reads and writes is found in the syntax tree of its function (:func:`usage_of`): for the order of stages,
@@ -69,22 +69,42 @@ def step_outcome_reset(parameters: wp.array[float], tilt: wp.array[float], rewar
     if tilt[env] > 1.0:
         reset(env, tilt)
 
-Modules, in the order in which to read them: ``source`` and ``scope`` (text and names), ``parameters``, ``binding`` with
-``term_binding``, ``term_arrays`` and ``structs`` (arguments of terms), ``stage`` (sections and items),
-``kernel_source`` (writes a kernel), ``fused_kernel`` (compiles it), ``plan`` (runs a step), ``usage`` (syntax trees).
+Modules, in the order in which to read them, each with an example:
+
+================================================  ================================================================
+``source``, ``scope``, ``parameters``             text that knows which names it uses; the names; numbers that change
+``term_call``, ``binding``                        the call of a term, and how its arguments are found; then
+                                                  ``term_binding``, ``structs``, ``term_arrays``, ``scene_entity`` and
+                                                  ``term_checks``
+``section``, ``stage``, ``host_function``         what a step is made of
+``thread_layout``, ``prefetch``,                  source code of a kernel
+``kernel_source``
+``fused_kernel``, ``single_thread``               the compiled kernel
+``segments``, ``graph_block``,                    a step as kernels and graphs
+``segment_launcher``
+``plan``, ``plan_table``                          runs and describes a step
+``usage``, ``outside_names``, ``field_use``       what the functions of terms read and write
+``function_check``, ``episode_log``,              errors in a function; values summed on the device; types of Warp
+``warp_types``
+================================================  ================================================================
 """
+
+import warnings
 
 from .binding import BindingContext, bind_term
 from .episode_log import EpisodeLog
+from .field_use import fields_used, may_use
 from .function_check import function_problem
 from .fused_kernel import FusedKernel, fuse
+from .host_function import ChoicePart, GraphPart, HostFunction
 from .parameters import Parameters
 from .plan import GraphCaptureError, Plan
 from .scene_entity import HasNames, SceneEntityCfg, resolve_entities
 from .scope import Scope
+from .section import Flag, Section
 from .single_thread import single_thread
 from .source import Code, Name, ParameterRead, block, code, indented
-from .stage import Captured, ChoicePart, Eager, Flag, GraphPart, Item, Section, Stage, fields_used, may_use, only
+from .stage import Item, KernelLaunches, Stage, only
 from .structs import NamedStructs, ParameterReferences, SharedStruct, StructRegistry, StructResolver
 from .term_arrays import TermState
 from .term_binding import ArgumentError, TermBinding, TermContext
@@ -94,17 +114,17 @@ from .usage import Usage, usage_of
 __all__ = [
     "ArgumentError",
     "BindingContext",
-    "Captured",
     "ChoicePart",
     "Code",
-    "Eager",
     "EpisodeLog",
     "Flag",
     "FusedKernel",
     "GraphCaptureError",
     "GraphPart",
     "HasNames",
+    "HostFunction",
     "Item",
+    "KernelLaunches",
     "Name",
     "NamedStructs",
     "ParameterRead",
@@ -136,3 +156,13 @@ __all__ = [
     "single_thread",
     "usage_of",
 ]
+
+_FORMER_NAMES = {"Captured": "KernelLaunches", "Eager": "HostFunction"}
+
+
+def __getattr__(name: str) -> object:
+    """Forward former names, with a warning; they go with 0.3."""
+    if name in _FORMER_NAMES:
+        warnings.warn(f"use stripe_newton.fusion.{_FORMER_NAMES[name]}", DeprecationWarning, stacklevel=2)
+        return globals()[_FORMER_NAMES[name]]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 import warp as wp
@@ -16,21 +15,13 @@ from .structs import StructRegistry
 from .term_arrays import array_argument
 from .term_binding import ArgumentError, TermBinding, TermContext
 from .term_call import OUT, TermCall
-from .warp_types import Struct, name_of, struct_of
+from .term_checks import term_problems
+from .warp_types import SCALARS, Struct, name_of, struct_of
 
 __all__ = ["BindingContext", "bind_term"]
 
-_RETURNS: dict[str, type] = {
-    "reward": float,
-    "metric": float,
-    "termination": bool,
-    "curriculum": float,
-    "modifier": float,
-}
-"""Return types, by the kind of term; other kinds return nothing."""
 _WITHOUT_NAN = ("rewards", "terminations", "metrics", "observations")
 """Managers whose terms compute with their numbers. To events NaN may mean that something stays as it is."""
-_SCALARS = {float: float, wp.float32: float, int: int, wp.int32: int, bool: bool, wp.bool: bool}
 _VECTORS = (wp.vec2, wp.vec3, wp.vec4, wp.quat)
 
 
@@ -66,13 +57,14 @@ def bind_term(
         context.problems.append(f"{where}.func: is {func!r}, must be a Warp function (@wp.func)")
         return None
     binding = TermBinding(context, func, params, where)
-    arguments, problems = {}, list(_function_problems(binding, kind))
+    arguments: dict[str, Code] = {}
+    problems: list[str] = []
     for name, argument_type in func.input_types.items():
         try:
             arguments[name] = _argument(context, binding, name, argument_type, kind, fixed or {})
         except (ArgumentError, ValueError, KeyError) as error:
             problems.append(f"{where}.params.{name}: {error.args[0] if error.args else error}")
-    problems += [*_body_problems(binding), *_param_problems(binding)]
+    problems = term_problems(binding, kind, problems)
     context.problems += problems
     return None if problems else TermCall(context.scope.function(func), arguments, binding.counts)
 
@@ -92,7 +84,7 @@ def _argument(
         return _struct(context, binding, name, kind)
     if wp.types.is_array(kind):
         return array_argument(binding, name, kind)
-    if kind in _SCALARS or kind in _VECTORS:
+    if kind in SCALARS or kind in _VECTORS:
         return _number(binding, name, kind)
     raise ArgumentError(f"is of type {getattr(kind, '__name__', kind)}, which no term can have")
 
@@ -126,47 +118,4 @@ def _number(binding: TermBinding, name: str, kind: ParameterKind) -> Code:
         value = binding.function.defaults[name]
     elif isinstance(value, float) and math.isnan(value) and binding.where.partition(".")[0] in _WITHOUT_NAN:
         raise ArgumentError(f"is {value!r}, must not be NaN")
-    return binding.context.parameters.add(f"{binding.where}.{name}", value, _SCALARS.get(kind, kind))
-
-
-# -- checks
-
-
-def _function_problems(binding: TermBinding, kind: str) -> Iterator[str]:
-    """Problems of the function's signature."""
-    function = binding.function.func
-    wanted, returned = _RETURNS.get(kind), function.__annotations__.get("return")
-    if isinstance(returned, str):  # of a module with postponed annotations
-        returned = eval(returned, function.__globals__)
-    returned = _SCALARS.get(returned, returned)
-    if wanted is not None and returned is not wanted:
-        has = f"returns {getattr(returned, '__name__', returned)}" if returned else "has no return annotation"
-        yield f"{binding.where}.func: '{binding.name}' {has}, a {kind} must be annotated '-> {wanted.__name__}'"
-    if kind == "event" and returned not in (None, type(None)):
-        yield f"{binding.where}.func: '{binding.name}' returns a value, which is no event: an event returns nothing"
-    if kind == "observation" and "out" not in binding.types:
-        yield (
-            f"{binding.where}.func: '{binding.name}' has no argument 'out: wp.array[float]', to which an observation "
-            "writes its values"
-        )
-
-
-def _body_problems(binding: TermBinding) -> Iterator[str]:
-    """Problems of a term that pairs bodies of the asset with bodies of a sensor: both choices must be equal."""
-    ids, sensor_ids = (binding.counts.get(n) for n in ("body_ids", "sensor_body_ids"))
-    if None not in (ids, sensor_ids) and ids != sensor_ids:
-        text = f"sensor_cfg names {sensor_ids} bodies, asset_cfg {ids}; they must be the same, in the same order"
-        yield f"{binding.where}.params: {text}"
-    ours, others = (binding.chosen.get(n, []) for n in ("body_ids", "sensor_body_ids"))
-    if ours != others and sorted(ours) == sorted(others):
-        text = f"sensor_cfg names {', '.join(others)}, asset_cfg {', '.join(ours)}; set preserve_order in both"
-        yield f"{binding.where}.params: {text}"
-
-
-def _param_problems(binding: TermBinding) -> Iterator[str]:
-    """Problems of parameters that no argument uses."""
-    arguments = [n for n in binding.types if n not in ("env", "out", "rng")]
-    for extra in binding.params.keys() - binding.taken - {"asset_cfg"}:
-        near = difflib.get_close_matches(extra, arguments, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else f"; it takes {', '.join(arguments) or 'none'}"
-        yield f"{binding.where}.params.{extra}: '{binding.name}' has no such argument{hint}"
+    return binding.context.parameters.add(f"{binding.where}.{name}", value, SCALARS.get(kind, kind))

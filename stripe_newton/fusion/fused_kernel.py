@@ -15,7 +15,7 @@ from stripe_newton.generated_files import write_generated
 
 from .kernel_source import KernelSource, write_kernel
 from .scope import Scope
-from .stage import Section
+from .section import Section
 from .usage import usage_of
 
 __all__ = ["FusedKernel", "fuse"]

@@ -5,15 +5,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from .field_use import fields_used
 from .fused_kernel import FusedKernel, fuse
 from .scope import Scope
+from .section import Section
 from .source import Code
-from .stage import Captured, Section, fields_used
+from .stage import KernelLaunches
 
 __all__ = ["single_thread"]
 
 
-def single_thread(scope: Scope, device: str, name: str, body: Sequence[Code], terms: Sequence[str] = ()) -> Captured:
+def single_thread(
+    scope: Scope, device: str, name: str, body: Sequence[Code], terms: Sequence[str] = ()
+) -> KernelLaunches:
     """A generated kernel of one thread, as an item of a step.
 
     Args:
@@ -31,4 +35,4 @@ def single_thread(scope: Scope, device: str, name: str, body: Sequence[Code], te
             made.append(fuse(name, [section], scope, 1, device))
         made[0].launch()
 
-    return Captured(name, launch, terms, fields=fields_used(section, scope.functions))
+    return KernelLaunches(name, launch, terms, fields=fields_used(section, scope.functions))

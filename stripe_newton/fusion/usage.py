@@ -1,18 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Usage: the fields that a Warp function reads and writes and the functions that it calls, from its syntax tree."""
+"""Usage: the fields that a Warp function reads and writes and the functions that it calls, from its syntax tree.
+
+>>> import warp as wp
+>>> from stripe_newton.fusion import usage_of
+>>> @wp.struct
+... class Cart:
+...     position: wp.array[float]
+...     velocity: wp.array[float]
+>>> @wp.func
+... def move(env: int, cart: Cart, dt: float):
+...     cart.position[env] = cart.position[env] + dt * cart.velocity[env]
+>>> usage = usage_of(move)
+>>> sorted(usage.reads), sorted(usage.writes)
+(['position', 'velocity'], ['position'])
+"""
 
 from __future__ import annotations
 
 import ast
-import builtins
-import inspect
-import types
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TypeGuard, TypeVar
 from weakref import WeakKeyDictionary
 
 import warp as wp
+
+from .outside_names import OutsideNames
 
 __all__ = ["Usage", "usage_of"]
 
@@ -96,13 +109,10 @@ class _Reader(ast.NodeVisitor):
     """Visits the body of one function and collects its usage."""
 
     def __init__(self, function: wp.Function):
-        python = inspect.unwrap(function.func)
-        # As in Python, a variable of the closure hides a global of the same name.
-        self._outside = {**vars(builtins), **python.__globals__, **_closure(python)}
-        self._local = {name: frozenset[str]() for name in python.__code__.co_varnames}
+        self._outside = OutsideNames(function)
+        self._local = {name: frozenset[str]() for name in self._outside.local}
         """Fields that a local variable may stand for, as ``pose`` does after ``pose = robot.body_pose``."""
-        self._arguments = set(function.input_types)
-        self._passed: dict[str, set[str]] = {name: {name} for name in self._arguments}
+        self._passed: dict[str, set[str]] = {name: {name} for name in function.input_types}
         """Arguments that a variable may stand for."""
         self._reads: set[str] = set()
         self._writes: set[str] = set()
@@ -111,7 +121,6 @@ class _Reader(ast.NodeVisitor):
         self._unresolved: list[str] = []
 
     def usage(self) -> Usage:
-        called = [usage_of(f) for f in self._calls]
         own = Usage(
             frozenset(self._reads),
             frozenset(self._writes),
@@ -119,6 +128,7 @@ class _Reader(ast.NodeVisitor):
             frozenset(self._calls),
             tuple(self._unresolved),
         )
+        called = [usage_of(f) for f in self._calls]
         # Arguments that a called function writes were attributed at the call, to the expressions passed there.
         inner = [Usage(u.reads, u.writes, frozenset(), u.calls, u.unresolved) for u in called]
         return _united([own, *inner])
@@ -126,20 +136,19 @@ class _Reader(ast.NodeVisitor):
     # -- reads
 
     def visit_Attribute(self, node: ast.Attribute) -> None:
-        if self._external(node) is not None:
-            self._refer(node)
+        if self._outside.has(node):
+            self._refer(self._outside.value(node))
             return
         self._reads.add(node.attr)
         self.visit(node.value)
 
     def visit_Name(self, node: ast.Name) -> None:
         if isinstance(node.ctx, ast.Load):
-            self._refer(node)
+            self._refer(self._outside.value(node))
 
-    def _refer(self, node: ast.expr) -> None:
+    def _refer(self, thing: object) -> None:
         """Note a function that is mentioned. It is called, here or by the function that it is passed to."""
-        thing = self._resolve(node)
-        if isinstance(thing, wp.Function) and not thing.is_builtin():
+        if _is_own(thing):
             self._calls.add(thing)
 
     # -- writes
@@ -201,91 +210,46 @@ class _Reader(ast.NodeVisitor):
     # -- calls
 
     def visit_Call(self, node: ast.Call) -> None:
-        function = self._resolve(node.func)
-        if _is_static(function):
-            self._evaluated(node)
+        if self._outside.is_static(node.func):
+            self._static_value(node)
             return
-        if isinstance(node.func, ast.Call) and _is_static(self._resolve(node.func.func)):
-            function = self._evaluated(node.func)
-        else:
-            self.visit(node.func)
+        function = self._called(node.func)
         for argument in (*node.args, *(k.value for k in node.keywords)):
             self.visit(argument)
-        if isinstance(function, wp.Function) and not function.is_builtin():
+        if _is_own(function):
             names = list(function.input_types)
             given = [*zip(names, node.args, strict=False), *((k.arg or "", k.value) for k in node.keywords)]
             written = usage_of(function).writes_arguments
             for argument in (value for name, value in given if name in written):
                 self._written(argument)
-        elif self._is_builtin(node.func, function):
+        elif self._outside.is_builtin(node.func, function):
             # Of Warp's functions only these write to an array, which is their first argument.
             if node.args and _last_name(node.func).startswith(("atomic_", "tile_store", "tile_atomic_")):
                 self._written(node.args[0])
         else:
             self._unresolved.append(ast.unparse(node.func))
 
-    def _evaluated(self, node: ast.Call) -> object:
-        """Value of a ``wp.static`` expression. A function in it counts as called."""
-        argument = node.args[0] if node.args else node.keywords[0].value
+    def _called(self, node: ast.expr) -> object:
+        """The function that a call names, as ``f`` or as ``wp.static(f)``; None if unknown."""
+        if isinstance(node, ast.Call) and self._outside.is_static(node.func):
+            return self._static_value(node)
+        self.visit(node)
+        return self._outside.value(node)
+
+    def _static_value(self, node: ast.Call) -> object:
+        """Value of a ``wp.static`` expression; None if unknown. A function in it counts as called."""
         try:
-            value = eval(compile(ast.Expression(argument), "<static>", "eval"), dict(self._outside))
+            value = self._outside.evaluated(node)
         except Exception:  # the expression may use things that only Warp's compiler knows, such as a loop counter
             self._unresolved.append(ast.unparse(node))
             return None
-        if isinstance(value, wp.Function) and not value.is_builtin():
-            self._calls.add(value)
+        self._refer(value)
         return value
 
-    def _is_builtin(self, node: ast.expr, function: object) -> bool:
-        """Whether a call is of a function of Warp or of Python, or makes a value of a type."""
-        root = node
-        while isinstance(root, ast.Attribute):
-            root = root.value
-        of_warp = isinstance(root, ast.Name) and root.id not in self._local and self._outside.get(root.id) is wp
-        known = isinstance(function, (type, types.BuiltinFunctionType, wp.Function))
-        known = known or wp.types.type_is_struct(function)
-        # Some functions, such as wp.tid, exist in Warp's compiler only, and kernels may call them without "wp.".
-        bare = isinstance(root, ast.Name) and root.id not in self._local and hasattr(wp, root.id)
-        return of_warp or known or bare
 
-    # -- names
-
-    def _external(self, node: ast.expr) -> ast.Name | None:
-        """The first name of a dotted path, such as ``wp`` in ``wp.sin``, if it is not a local variable; else None."""
-        while isinstance(node, ast.Attribute):
-            node = node.value
-        outside = isinstance(node, ast.Name) and node.id not in self._local and node.id in self._outside
-        return node if outside and isinstance(node, ast.Name) else None
-
-    def _resolve(self, node: ast.expr) -> object:
-        """The object of a name or a dotted path outside of the function; None if unknown."""
-        path: list[str] = []
-        while isinstance(node, ast.Attribute):
-            path.append(node.attr)
-            node = node.value
-        if not isinstance(node, ast.Name) or node.id in self._local:
-            return None
-        if hasattr(node, "warp_func"):  # Warp has replaced a wp.static expression by its value already
-            return node.warp_func
-        thing = self._outside.get(node.id)
-        for part in reversed(path):
-            thing = getattr(thing, part, None)
-        return thing
-
-
-def _closure(function: types.FunctionType) -> dict[str, object]:
-    """Variables of the closure of a function, without those that are not set yet."""
-    held = {}
-    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
-        try:
-            held[name] = cell.cell_contents
-        except ValueError:  # an empty cell: the function is defined before the variable
-            continue
-    return held
-
-
-def _is_static(function: object) -> bool:
-    return function is not None and function is getattr(wp, "static", None)
+def _is_own(thing: object) -> TypeGuard[wp.Function]:
+    """Whether a thing is a Warp function that is none of Warp's own."""
+    return isinstance(thing, wp.Function) and not thing.is_builtin()
 
 
 def _last_name(node: ast.expr) -> str:

@@ -8,7 +8,17 @@ from typing import TypeAlias, TypeGuard, TypeVar
 
 import warp as wp
 
-__all__ = ["Struct", "StructInstance", "Value", "dtype_of", "is_instance", "name_of", "struct_fields", "struct_of"]
+__all__ = [
+    "SCALARS",
+    "Struct",
+    "StructInstance",
+    "Value",
+    "dtype_of",
+    "is_instance",
+    "name_of",
+    "struct_fields",
+    "struct_of",
+]
 
 Struct: TypeAlias = type
 """A Warp struct, which is written as a class."""
@@ -16,6 +26,9 @@ StructInstance: TypeAlias = object
 """An instance of a Warp struct; its fields are attributes."""
 Value: TypeAlias = object
 """A Warp array or an instance of a struct, as an argument of a kernel."""
+
+SCALARS = {float: float, wp.float32: float, int: int, wp.int32: int, bool: bool, wp.bool: bool}
+"""Types of numbers as Python's, by the types with which a Warp function may be annotated."""
 
 
 def struct_fields(kind: Struct) -> Mapping[str, object]:

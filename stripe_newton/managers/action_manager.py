@@ -9,7 +9,7 @@ import torch
 
 from stripe_kernels.data import ActionData
 from stripe_kernels.episode import finite_action
-from stripe_newton.fusion import ArgumentError, Code, Eager, Item, Section, TermBinding, block, code
+from stripe_newton.fusion import ArgumentError, Code, HostFunction, Item, Section, TermBinding, block, code
 
 from .action_layout import ActionLayout, lay_out
 from .action_source import ActionSource
@@ -203,11 +203,11 @@ class ActionManager(ManagerBase):
             body += source.process()
         return [Section("actions_process", body, list(self._sources)), *map(self._process_torch, self._torch)]
 
-    def _process_torch(self, name: str) -> Eager:
+    def _process_torch(self, name: str) -> HostFunction:
         """The item that passes a user's class its actions."""
         term, layout = self._torch[name], self._terms[name]
         actions = self.action[:, layout.first : layout.first + layout.size]
-        return Eager("actions", lambda: term.process_actions(actions), f"torch term '{name}'", [name])
+        return HostFunction("actions", lambda: term.process_actions(actions), f"torch term '{name}'", [name])
 
     @property
     def _action(self) -> Code:
@@ -233,12 +233,12 @@ class ActionManager(ManagerBase):
                 return False
         return bool(terms)
 
-    def apply_items(self) -> list[Section | Eager]:
+    def apply_items(self) -> list[Section | HostFunction]:
         """Items that set targets before each physics step, for terms whose targets depend on the state."""
-        items: list[Section | Eager] = []
+        items: list[Section | HostFunction] = []
         for name, term in self._terms.items():
             if name in self._torch:
-                items.append(Eager("actions", self._torch[name].apply_actions, f"torch term '{name}'", [name]))
+                items.append(HostFunction("actions", self._torch[name].apply_actions, f"torch term '{name}'", [name]))
             elif term.per_substep:
                 section = Section("actions_apply", self._sources[name].apply(), [name])
                 if items and isinstance(items[-1], Section):

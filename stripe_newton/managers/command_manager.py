@@ -28,7 +28,7 @@ from stripe_kernels.mdp import (
     velocity_error_yaw,
 )
 from stripe_kernels.mdp import CommandTerm as KnownCommand
-from stripe_newton.fusion import Code, Eager, Item, NamedStructs, SceneEntityCfg, Section, bind_term, block, code
+from stripe_newton.fusion import Code, HostFunction, Item, NamedStructs, SceneEntityCfg, Section, bind_term, block, code
 from stripe_newton.fusion.warp_types import Struct, StructInstance, struct_of
 from stripe_newton.matching import match_names
 
@@ -349,8 +349,8 @@ class CommandManager(ManagerBase):
         section += [item for motion in self._motions.values() for item in motion.items()]
         return [*section, *(self._eager(name, self._compute_torch) for name in self._torch)]
 
-    def _eager(self, name: str, run: Callable[[str], None]) -> Eager:
-        return Eager("commands", partial(run, name), f"torch term '{name}'", [name])
+    def _eager(self, name: str, run: Callable[[str], None]) -> HostFunction:
+        return HostFunction("commands", partial(run, name), f"torch term '{name}'", [name])
 
     def _compute_torch(self, name: str) -> None:
         self._torch[name].term.compute(self.context.step_dt)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import warp as wp
 
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, single_thread
+from stripe_newton.fusion import Code, HostFunction, Item, Section, bind_term, single_thread
 
 from .context import ManagerContext
 from .manager_base import is_warp_term
@@ -65,7 +65,7 @@ class CurriculumManager(TermManager[CurriculumTermCfg]):
         items: list[Item] = []
         for name, term in self._terms.items():
             if not is_warp_term(term.func):
-                items.append(Eager("curriculum", self._torch(name), f"torch term '{name}'", [name]))
+                items.append(HostFunction("curriculum", self._torch(name), f"torch term '{name}'", [name]))
                 continue
             value = self._value(name, term, term.func) if _is_per_env(term.func) else None
             if value is not None:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import warp as wp
 
 from stripe_newton.configclass import MISSING, configclass, is_config
-from stripe_newton.fusion import Code, Eager, Item, Section, bind_term
+from stripe_newton.fusion import Code, HostFunction, Item, Section, bind_term
 from stripe_newton.fusion.warp_types import StructInstance
 
 from .context import ManagerContext
@@ -125,9 +125,9 @@ class CustomManager(ManagerBase):
         """
         return Section(f"{self.name}_log", [self.context.log.line(key, value, kind)], [key])
 
-    def host(self, name: str, function: Callable[[], None]) -> Eager:
+    def host(self, name: str, function: Callable[[], None]) -> HostFunction:
         """An item that calls a function on the host, between two graphs."""
-        return Eager(f"{self.name}", function, f"host function of manager '{self.name}'", [name])
+        return HostFunction(f"{self.name}", function, f"host function of manager '{self.name}'", [name])
 
     def instance_states(self) -> list[dict[str, Any]]:
         """Attributes, of which the tensors are part of the environment's state."""

@@ -10,7 +10,7 @@ from typing import ClassVar
 import torch
 
 from stripe_newton.configclass import MISSING
-from stripe_newton.fusion import Code, Eager, Item, Section, code, single_thread
+from stripe_newton.fusion import Code, HostFunction, Item, Section, code, single_thread
 
 from .context import ManagerContext
 from .event_cfg import EventTermCfg
@@ -157,7 +157,7 @@ class EventManager(TermManager[EventTermCfg]):
     def _changes_model(self, *modes: str) -> bool:
         return any(t.mode in modes and self._model.concerns(t.func) for t in self._terms.values())
 
-    def _eager(self, mode: str, name: str, indices: Indices, moves: bool = False) -> Eager:
+    def _eager(self, mode: str, name: str, indices: Indices, moves: bool = False) -> HostFunction:
         """Item that calls a torch term with some environments, unless there are none."""
         context = self.context
         moved = context.torch(context.moved)
@@ -172,7 +172,7 @@ class EventManager(TermManager[EventTermCfg]):
                 if moves:
                     moved[env_ids] = True
 
-        return Eager(f"events_{mode}", run, f"torch term '{name}'", [name])
+        return HostFunction(f"events_{mode}", run, f"torch term '{name}'", [name])
 
     def __str__(self) -> str:
         rows = []
@@ -187,7 +187,7 @@ class EventManager(TermManager[EventTermCfg]):
         return self.table("Event terms", ("Name", "Mode", "When", "Kind"), rows)
 
 
-def prestartup_events(cfg: object, owner: object) -> list[Eager]:
+def prestartup_events(cfg: object, owner: object) -> list[HostFunction]:
     """Items of the terms with mode ``"prestartup"``, which change the stage before the model is built from it.
 
     Args:
@@ -198,7 +198,7 @@ def prestartup_events(cfg: object, owner: object) -> list[Eager]:
     items = []
     for name, term in terms_of(cfg).items():
         if isinstance(term, EventTermCfg) and term.mode == "prestartup" and not any(_problems(term)):
-            items.append(Eager("events_prestartup", partial(_call, term, owner), f"torch term '{name}'", [name]))
+            items.append(HostFunction("events_prestartup", partial(_call, term, owner), f"torch term '{name}'", [name]))
     return items
 
 

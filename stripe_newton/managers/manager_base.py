@@ -11,7 +11,7 @@ from typing import Any, ClassVar, TypeGuard, TypeVar
 import warp as wp
 
 from stripe_newton.configclass import MISSING, is_config
-from stripe_newton.fusion import Eager, Item, resolve_entities
+from stripe_newton.fusion import HostFunction, Item, resolve_entities
 from stripe_newton.matching import match_names
 
 from .context import ManagerContext
@@ -145,7 +145,7 @@ class ManagerBase:
                     term.reset(env_ids)
 
         names = [type(term).__name__ for term in own]
-        return [Eager(f"{self.name}_reset", run, "class terms", names)] if own else []
+        return [HostFunction(f"{self.name}_reset", run, "class terms", names)] if own else []
 
     def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
         """A table in plain text."""

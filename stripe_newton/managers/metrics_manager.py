@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.fusion import Eager, Item, Section, bind_term, code
+from stripe_newton.fusion import HostFunction, Item, Section, bind_term, code
 
 from .context import ManagerContext
 from .manager_base import is_warp_term
@@ -57,7 +57,7 @@ class MetricsManager(TermManager[MetricTermCfg]):
         body = [code("{steps}[env] = {steps}[env] + 1", steps=self._steps_name)]
         for index, (name, term) in enumerate(self._terms.items()):
             if not is_warp_term(term.func):
-                items.append(Eager("metrics", self._torch(index, name), f"torch term '{name}'", [name]))
+                items.append(HostFunction("metrics", self._torch(index, name), f"torch term '{name}'", [name]))
                 continue
             call = bind_term(self.context, term.func, term.params, f"metrics.{name}", "metric")
             if call is not None:

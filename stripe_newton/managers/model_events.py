@@ -8,7 +8,7 @@ from functools import partial
 
 import warp as wp
 
-from stripe_newton.fusion import Captured, Code, Item, Section, code
+from stripe_newton.fusion import Code, Item, KernelLaunches, Section, code
 from stripe_newton.sim.mass_constants import MassConstants
 from stripe_newton.sim.model_update import ModelUpdate, model_flags
 
@@ -76,7 +76,7 @@ class ModelEvents:
             return items
         sim = self._context.scene.sim
         if mode == "startup":
-            return [*items, Captured("solver told of the model", partial(sim.notify, model_flags(names)))]
+            return [*items, KernelLaunches("solver told of the model", partial(sim.notify, model_flags(names)))]
         update = ModelUpdate(sim, names, self._constants)
         if update.constants is not None:
             self._constants = update.constants
@@ -86,7 +86,7 @@ class ModelEvents:
         # It may run beside the items that follow: only the physics of the next step, or the next mode that changes the
         # model, uses the solver's copy.
         concurrent = last and not update.why_all_worlds
-        tell = Captured(title, partial(update.launch, self._mask()), concurrent=concurrent, fields=frozenset())
+        tell = KernelLaunches(title, partial(update.launch, self._mask()), concurrent=concurrent, fields=frozenset())
         return [Section("events_model", [code("{}[env] = False", self._mask_name())]), *items, tell]
 
     def _mask(self) -> wp.array:

@@ -9,7 +9,7 @@ import warp as wp
 from stripe_kernels.data import CommandData
 from stripe_kernels.motion import MotionCommandData, accumulate_probabilities, average_failures
 from stripe_newton.assets import Articulation
-from stripe_newton.fusion import Captured, Item
+from stripe_newton.fusion import Item, KernelLaunches
 from stripe_newton.matching import match_names
 from stripe_newton.motions import MotionError, MotionLibrary, find_motions, read_motion
 
@@ -96,7 +96,7 @@ class MotionCommand:
         if self._cfg.sampling_mode != "adaptive":
             return []
         # The episodes of the next step read the probabilities, nothing in this step does.
-        return [Captured("motion probabilities", self._update, concurrent=True, fields=frozenset())]
+        return [KernelLaunches("motion probabilities", self._update, concurrent=True, fields=frozenset())]
 
     def _update(self) -> None:
         cfg, motion = self._cfg, self.struct

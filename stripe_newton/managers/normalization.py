@@ -9,7 +9,7 @@ import warp as wp
 
 from stripe_kernels.processing import merge_statistics, normalize, sum_moments
 from stripe_newton.configclass import configclass
-from stripe_newton.fusion import Captured
+from stripe_newton.fusion import KernelLaunches
 from stripe_newton.value_types import INFINITE, PositiveFloat, Range
 
 from .context import ManagerContext
@@ -34,7 +34,7 @@ class RunningNormCfg:
 
 def running_normalization(
     context: ManagerContext, group: str, cfg: RunningNormCfg, raw: wp.array, buffer: wp.array, gather: bool
-) -> Captured:
+) -> KernelLaunches:
     """Item that normalises ``raw`` into ``buffer``, both of shape ``(num_envs, n)``.
 
     Args:
@@ -64,4 +64,4 @@ def running_normalization(
             )
         wp.launch(normalize, (count, columns), [raw, mean, var, cfg.eps, cfg.clip], [buffer])
 
-    return Captured(f"running normalisation of '{group}'", launch, fields=frozenset())
+    return KernelLaunches(f"running normalisation of '{group}'", launch, fields=frozenset())

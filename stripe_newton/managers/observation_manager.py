@@ -11,7 +11,7 @@ import torch
 import warp as wp
 
 from stripe_newton.configclass import config_with
-from stripe_newton.fusion import Captured, Code, Eager, Item, Section, code, only
+from stripe_newton.fusion import Code, HostFunction, Item, KernelLaunches, Section, code, only
 
 from .context import ManagerContext
 from .image import image_writer
@@ -165,10 +165,12 @@ class ObservationManager(ManagerBase):
             if term.picture:
                 array = self.context.scope.values[term.target.text]
                 write = image_writer(term.picture, array, term.first)
-                made.first.append(Captured(name, write, [name], fields=frozenset()))
+                made.first.append(KernelLaunches(name, write, [name], fields=frozenset()))
                 continue
             if term.values is not None:
-                made.first.append(Eager("observations", self._torch(term, term.values), f"torch term '{name}'", [name]))
+                made.first.append(
+                    HostFunction("observations", self._torch(term, term.values), f"torch term '{name}'", [name])
+                )
             source = ObservationSource(self.context, term, corrupt, again)
             if source.parts >= MIN_PARTS_FOR_PARALLEL_NOISE:
                 if not any(other.add(f"{group}.{name}", term, source) for other in shared):

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from stripe_newton.configclass import configclass
-from stripe_newton.fusion import Eager, Item
+from stripe_newton.fusion import HostFunction, Item
 from stripe_newton.value_types import WrittenPath
 
 from .context import ManagerContext
@@ -184,7 +184,7 @@ class RecorderManager(ManagerBase):
         if not self._terms:
             return []
         reason = "waits for the device to say which episodes ended, and writes those"
-        return [Eager("recorders_pre_reset", self._conclude, reason, self.active_terms)]
+        return [HostFunction("recorders_pre_reset", self._conclude, reason, self.active_terms)]
 
     def post_reset_items(self) -> list[Item]:
         """Items that record the start of new episodes. They must run after forward kinematics."""
@@ -193,7 +193,7 @@ class RecorderManager(ManagerBase):
     def _items(self, hook: str, function: Callable[[], None]) -> list[Item]:
         terms = [n for n, t in self._terms.items() if getattr(type(t), hook) is not getattr(RecorderTerm, hook)]
         name = hook.replace("record", "recorders", 1)
-        return [Eager(name, function, "recorder terms are called on the host", terms)] if terms else []
+        return [HostFunction(name, function, "recorder terms are called on the host", terms)] if terms else []
 
     def _conclude(self) -> None:
         ended, self._resetting = self.context.reset_mask.indices_on_host(), self.context.reset_mask.indices()

@@ -12,7 +12,7 @@ import torch
 import warp as wp
 
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, block, code
+from stripe_newton.fusion import Code, HostFunction, Item, Section, bind_term, block, code
 from stripe_newton.value_types import AnyFloat
 
 from .context import ManagerContext
@@ -133,7 +133,7 @@ class RewardManager(TermManager[RewardTermCfg]):
                 return None
             value = call.expression()
         else:
-            eager.append(Eager("rewards", self._torch(index, name), f"torch term '{name}'", [name]))
+            eager.append(HostFunction("rewards", self._torch(index, name), f"torch term '{name}'", [name]))
             value = code("{}[env, {}]", self._values_name, index)
         if term.clip is None:
             return value

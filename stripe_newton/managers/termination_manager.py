@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import torch
 
 from stripe_newton.configclass import MISSING, configclass
-from stripe_newton.fusion import Code, Eager, Item, Section, bind_term, code
+from stripe_newton.fusion import Code, HostFunction, Item, Section, bind_term, code
 
 from .context import ManagerContext
 from .manager_base import is_warp_term
@@ -103,7 +103,7 @@ class TerminationManager(TermManager[TerminationTermCfg]):
         """Source code of a term's value; None after problems. Its computation is added to ``body`` or ``eager``."""
         kept = self.context.code("{episode.term_terminated}[env, {}]", index)
         if not is_warp_term(term.func):
-            eager.append(Eager("terminations", self._torch(index, name), f"torch term '{name}'", [name]))
+            eager.append(HostFunction("terminations", self._torch(index, name), f"torch term '{name}'", [name]))
             return kept
         call = bind_term(self.context, term.func, term.params, f"{self.name}.{name}", "termination")
         if call is None:

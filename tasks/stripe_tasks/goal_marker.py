@@ -12,7 +12,7 @@ import warp as wp
 
 from stripe_newton.assets import RigidObjectCfg
 from stripe_newton.configclass import configclass
-from stripe_newton.fusion import Captured, Stage
+from stripe_newton.fusion import KernelLaunches, Stage
 from stripe_newton.sim import SpawnerCfg
 
 if TYPE_CHECKING:
@@ -180,5 +180,5 @@ class GoalMarked(RLEnv):
             wp.launch(kernel, dim=self.num_envs, inputs=[*goals], outputs=rows, device=self.device)
 
         # last of all: goals may be drawn at a reset or by a command of this very step
-        stages[-1] = replace(stages[-1], items=[*stages[-1].items, Captured("goal marker", place)])
+        stages[-1] = replace(stages[-1], items=[*stages[-1].items, KernelLaunches("goal marker", place)])
         return stages

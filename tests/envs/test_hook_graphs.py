@@ -52,7 +52,7 @@ def test_recorded_steps_are_those_of_the_hooks(eager, recording):
     text = env.describe()
     assert "graph, torch" in text
     how = f"eager: torch hook; graphs for {recorder.hooks[4].variants} frequent numbers of resets"
-    assert env.plan.eager == [("reset", "_reset_idx, forward kinematics", how)]
+    assert env.plan.host_functions == [("reset", "_reset_idx, forward kinematics", how)]
     assert how in text
 
 

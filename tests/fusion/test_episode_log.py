@@ -6,7 +6,7 @@ from __future__ import annotations
 import pytest
 import warp as wp
 
-from stripe_newton.fusion import Captured, EpisodeLog, Scope, Section, block, code
+from stripe_newton.fusion import EpisodeLog, KernelLaunches, Scope, Section, block, code
 from tests.helpers.manager_world import plan, set_reset
 
 
@@ -18,7 +18,7 @@ def test_log(cart):
     ]
     section = Section("log_lines", lines).only(cart.is_reset)
     last = Section("level", block(code("if env == 0:"), [log.line("level", cart.code("float({step}[0])"), "last")]))
-    work = plan(cart, [section, last, Captured("log", log.finish)])
+    work = plan(cart, [section, last, KernelLaunches("log", log.finish)])
     values = wp.to_torch(log.values)
     got = []
     for step, mask in enumerate([[1, 0, 1, 0], [0, 0, 0, 0], [0, 0, 0, 1]]):

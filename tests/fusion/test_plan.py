@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from stripe_newton.fusion import Captured, Code, Eager, Flag, Plan, Section, Stage, code, may_use, only
+from stripe_newton.fusion import Code, Flag, HostFunction, KernelLaunches, Plan, Section, Stage, code, may_use, only
 from tests.helpers.fusion_terms import silent
 from tests.helpers.manager_world import plan, run, set_reset
 
@@ -25,7 +25,7 @@ def test_sections_run_in_order(cart):
     items = [
         Section("one", [code("local = {}[env] + 1.0", name), code("{}[env] = local", name)]),
         Section("two", [code("local = {}[env] * 10.0", name), code("{}[env] = local", name)]),
-        Captured("middle", lambda: order.append(values.tolist())),
+        KernelLaunches("middle", lambda: order.append(values.tolist())),
         Section("two", [code("{n}[env] = {n}[env] + float(env)", n=name)]),
         Section("empty", []),
     ]
@@ -44,7 +44,7 @@ def test_flags_are_combined_by_and(cart):
         ended,
         Section("within", [added(name, 10.0)]).only(cart.within_step),
         Section("both", [added(name, 100.0)]).only(cart.is_reset, outside),
-        *only([Captured("always", lambda: None), Section("again", [added(name, 1000.0)])], cart.is_reset),
+        *only([KernelLaunches("always", lambda: None), Section("again", [added(name, 1000.0)])], cart.is_reset),
     ]
     assert ended.only(cart.is_reset) == ended
     assert ended.only(outside).when == {cart.is_reset, outside}
@@ -74,10 +74,10 @@ def test_items_say_which_fields_they_may_use(cart):
     for item in (direct, calls):
         assert may_use(item, {"joint_pos"}, functions)
         assert not may_use(item, {"joint_vel", "body_pose"}, functions)
-    assert may_use(Eager("torch", lambda: None, "torch term"), {"body_pose"}, functions)
-    assert may_use(Captured("unknown", lambda: None), {"body_pose"}, functions)
-    assert not may_use(Captured("known", lambda: None, fields=frozenset({"joint_pos"})), {"body_pose"}, functions)
-    assert may_use(Captured("known", lambda: None, fields=frozenset({"joint_pos"})), {"joint_pos"}, functions)
+    assert may_use(HostFunction("torch", lambda: None, "torch term"), {"body_pose"}, functions)
+    assert may_use(KernelLaunches("unknown", lambda: None), {"body_pose"}, functions)
+    assert not may_use(KernelLaunches("known", lambda: None, fields=frozenset({"joint_pos"})), {"body_pose"}, functions)
+    assert may_use(KernelLaunches("known", lambda: None, fields=frozenset({"joint_pos"})), {"joint_pos"}, functions)
 
 
 def test_eager_splits_the_step(cart):
@@ -90,7 +90,9 @@ def test_eager_splits_the_step(cart):
         return Section(title, [added(name, 1.0)], [f"term_{title}"])
 
     whole = plan(cart, [plus_one("a")], [plus_one("b")])
-    split = plan(cart, [plus_one("a")], [Eager("rewards", on_host, "torch term 'mine'", ["mine"])], [plus_one("b")])
+    split = plan(
+        cart, [plus_one("a")], [HostFunction("rewards", on_host, "torch term 'mine'", ["mine"])], [plus_one("b")]
+    )
     assert len(whole.kernels) == 1
     assert len(split.kernels) == 2
     split.run()
@@ -112,11 +114,11 @@ def test_a_stage_without_items_has_a_row(cart):
 
 def test_run_without_graph_runs_the_stages_named(cart):
     calls, (name, values) = [], numbers(cart)
-    barrier = Captured("barrier", lambda: calls.append("barrier"))
+    barrier = KernelLaunches("barrier", lambda: calls.append("barrier"))
     stages = [
-        Stage("physics", [Captured("physics", lambda: calls.append("physics"))]),
+        Stage("physics", [KernelLaunches("physics", lambda: calls.append("physics"))]),
         Stage("outcome", [Section("outcome", [added(name, 1.0)])]),
-        Stage("host", [Eager("host", lambda: calls.append("host"), "torch")]),
+        Stage("host", [HostFunction("host", lambda: calls.append("host"), "torch")]),
         Stage("reset", [Section("reset_it", [added(name, 10.0)]), barrier]),
         Stage("observations", [Section("observe", [added(name, 100.0)])]),
     ]

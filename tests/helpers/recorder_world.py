@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import torch
 
-from stripe_newton.fusion import Eager
+from stripe_newton.fusion import HostFunction
 from stripe_newton.managers.recorder_manager import RecorderManager
 from stripe_newton.managers.recorders import ActionStateRecorderManagerCfg
 from tests.helpers.manager_world import manager_context, plan, set_reset
@@ -79,7 +79,7 @@ class World:
         ]
         if context.problems:
             return
-        advance, restart = Eager("physics", self._advance, "test"), Eager("reset", self._restart, "test")
+        advance, restart = HostFunction("physics", self._advance, "test"), HostFunction("reset", self._restart, "test")
         before, after, ended, begun = self.items
         self.step_plan = plan(context, before, [advance], after, ended, [restart], begun)
         self.reset_plan = plan(context, ended, [restart], begun)

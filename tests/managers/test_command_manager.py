@@ -15,7 +15,7 @@ from stripe_kernels import mdp
 from stripe_kernels.data import CommandData, PoseCommandData, VelocityCommandData
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.envs import mdp as cfgs
-from stripe_newton.fusion import Captured, Section, bind_term, code
+from stripe_newton.fusion import KernelLaunches, Section, bind_term, code
 from stripe_newton.managers import CommandManager, CommandTermCfg
 from stripe_newton.noise import UniformNoiseCfg
 from tests.helpers import term_reference, term_reference_random
@@ -37,7 +37,7 @@ class World:
         self.manager = CommandManager(terms, context)
         items = self.manager.compute_items(), self.manager.reset_items()
         assert not context.problems, context.problems
-        self._compute, self._reset = (plan(context, i, [Captured("log", context.log.finish)]) for i in items)
+        self._compute, self._reset = (plan(context, i, [KernelLaunches("log", context.log.finish)]) for i in items)
 
     def scatter(self, seed: int = 0) -> None:
         """Another state of the robot."""

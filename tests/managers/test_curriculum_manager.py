@@ -12,7 +12,7 @@ import warp as wp
 
 from stripe_kernels import mdp
 from stripe_kernels.data import EpisodeData, Parameter
-from stripe_newton.fusion import Captured, Eager, Plan
+from stripe_newton.fusion import HostFunction, KernelLaunches, Plan
 from stripe_newton.managers import CurriculumManager, CurriculumTermCfg, RewardManager, RewardTermCfg, TermState
 from tests.helpers.manager_world import manager_context, plan, set_reset
 
@@ -69,7 +69,7 @@ class World:
         self.items = [*per_env, *end]
         self.stages: Plan | None = None
         if not context.problems:
-            self.stages = plan(context, outcome, per_env, [*end, Captured("log", context.log.finish)])
+            self.stages = plan(context, outcome, per_env, [*end, KernelLaunches("log", context.log.finish)])
         self.now = 0
 
     def step(self, ended: Any = False) -> float:
@@ -205,7 +205,7 @@ def test_only_torch_terms_are_eager():
     assert [(i.name, list(i.terms)) for i in world.items] == [
         ("curriculum", ["level"]), ("curriculum", ["torch"]), ("curriculum", ["weight"]),
     ]  # fmt: skip
-    assert [i.reason for i in world.items if isinstance(i, Eager)] == ["torch term 'torch'"]
+    assert [i.reason for i in world.items if isinstance(i, HostFunction)] == ["torch term 'torch'"]
     text = [" ".join(line.split()) for line in str(world.manager).splitlines()]
     assert text[-3:] == [
         "level Warp where an episode ends",

@@ -17,7 +17,7 @@ from stripe_newton.assets import RigidObjectCfg
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.envs.events import EventRunner
 from stripe_newton.envs.events import EventTermCfg as FromEnvs
-from stripe_newton.fusion import Eager
+from stripe_newton.fusion import HostFunction
 from stripe_newton.managers import EventManager, EventTermCfg, SceneEntityCfg, TermState, prestartup_events
 from stripe_newton.sim import CuboidCfg, MassPropertiesCfg, RigidBodyPropertiesCfg
 from tests.helpers.manager_world import manager_context, plan, run, set_reset
@@ -331,7 +331,7 @@ def test_prestartup_terms_run_without_a_model():
         "none": None,
     }
     items = prestartup_events(terms, calls)
-    assert [type(i) for i in items] == [Eager]
+    assert [type(i) for i in items] == [HostFunction]
     items[0].function()
     assert calls.by_name == {"early": [(0, None)], "late": []}
 
@@ -354,7 +354,7 @@ def test_neighbouring_warp_terms_share_a_section_and_the_order_is_kept():
         ["after_torch"],
         [],
     ]
-    eager = [i for i in EventManager(events(calls), context).interval_items() if isinstance(i, Eager)]
+    eager = [i for i in EventManager(events(calls), context).interval_items() if isinstance(i, HostFunction)]
     assert [i.reason for i in eager] == ["torch term 'torch_often'", "torch term 'torch_all'"]
 
 

@@ -11,7 +11,7 @@ import torch
 import warp as wp
 
 from stripe_kernels.data import ArticulationData
-from stripe_newton.fusion import Captured, Eager
+from stripe_newton.fusion import HostFunction, KernelLaunches
 from stripe_newton.managers import MetricsManager, MetricTermCfg
 from tests.helpers.manager_world import manager_context, plan, set_reset
 
@@ -37,8 +37,8 @@ class World:
         self.manager = MetricsManager(terms, context)
         self.vel = context.entity("robot").data.joint_vel
         items = self.manager.compute_items(), self.manager.reset_items()
-        self.eager = [item for part in items for item in part if isinstance(item, Eager)]
-        self.plan = None if context.problems else plan(context, *items, [Captured("log", context.log.finish)])
+        self.eager = [item for part in items for item in part if isinstance(item, HostFunction)]
+        self.plan = None if context.problems else plan(context, *items, [KernelLaunches("log", context.log.finish)])
 
     def step(self, values: np.ndarray, ended: np.ndarray) -> dict[str, float]:
         self.vel[:, 0] = torch.as_tensor(values, dtype=torch.float32)

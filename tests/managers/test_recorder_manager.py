@@ -15,7 +15,7 @@ import pytest
 import torch
 
 from stripe_newton.configclass import ConfigError, configclass, to_dict
-from stripe_newton.fusion import Eager
+from stripe_newton.fusion import HostFunction
 from stripe_newton.managers import DatasetExportMode, RecorderManagerBaseCfg, RecorderTermCfg
 from stripe_newton.managers.episode_file import EpisodeFile
 from stripe_newton.managers.recorder_manager import RecorderManager
@@ -393,7 +393,7 @@ def test_items_say_what_they_wait_for_and_are_only_there_where_needed():
         ["recorders_pre_reset"],
         [],
     ]
-    assert all(isinstance(i, Eager) for items in world.items for i in items)
+    assert all(isinstance(i, HostFunction) for items in world.items for i in items)
     assert "waits for the device to say which episodes ended" in world.items[2][0].reason
     assert world.items[0][0].terms == ["record_pre_step_actions", "record_pre_step_flat_policy_observations"]
     assert "out/toy.hdf5" in str(world.manager)
@@ -517,11 +517,15 @@ def test_what_was_recorded_can_be_replayed():
         step.add_(1.0)
         set_reset(context, step >= lengths)
 
-    pieces = [manager.pre_reset_items(), [Eager("reset", restart, "test")], manager.post_reset_items()]
+    pieces = [manager.pre_reset_items(), [HostFunction("reset", restart, "test")], manager.post_reset_items()]
     set_reset(context, [True] * count)
     plan(context, *pieces).run()
     run_step = plan(
-        context, manager.pre_step_items(), [Eager("physics", advance, "test")], manager.post_step_items(), *pieces
+        context,
+        manager.pre_step_items(),
+        [HostFunction("physics", advance, "test")],
+        manager.post_step_items(),
+        *pieces,
     )
     for _ in range(12):
         env.actions = torch.randn(env.actions.shape, generator=generator)

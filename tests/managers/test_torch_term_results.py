@@ -12,7 +12,7 @@ import torch
 import warp as wp
 
 from stripe_newton.envs import mdp
-from stripe_newton.fusion import Eager
+from stripe_newton.fusion import HostFunction
 from stripe_newton.managers import (
     EventManager,
     EventTermCfg,
@@ -33,12 +33,12 @@ MANAGERS = {
 }
 
 
-def term_item(kind: str, func: object) -> tuple[list[str], list[Eager]]:
+def term_item(kind: str, func: object) -> tuple[list[str], list[HostFunction]]:
     """Make a manager with one term; returns the problems of the config, and the items that call the term."""
     context = manager_context(NUM_ENVS, "cartpole", num_terminations=1)
     context.owner = object()
     items = MANAGERS[kind](func, context).compute_items()
-    return context.problems, [item for item in items if isinstance(item, Eager)]
+    return context.problems, [item for item in items if isinstance(item, HostFunction)]
 
 
 WRONG = [
@@ -122,7 +122,7 @@ def test_an_event_returns_nothing():
     ]
     due = manager_context(NUM_ENVS, "cartpole")
     (event,) = EventManager({"own": EventTermCfg(func=lambda env, ids: ids, mode="startup")}, due).startup_items()
-    assert isinstance(event, Eager)
+    assert isinstance(event, HostFunction)
     with pytest.raises(ValueError, match=r"^events\.own\.func: returned a tensor; an event returns nothing"):
         event.function()
 

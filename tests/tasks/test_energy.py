@@ -57,7 +57,7 @@ def test_energy_and_transport_are_those_of_numpy(env):
 def test_it_is_fused_with_the_terminations_and_has_no_kernel_of_its_own(env):
     (kernel,) = (k for k in env.plan.kernels if "energy_measure_energy" in k.source)
     assert "def terminations(" in kernel.source
-    assert not env.plan.eager
+    assert not env.plan.host_functions
     assert "energy_measure_energy: measure_energy" in env.describe()
     assert "Manager 'energy': EnergyManager" in env.describe()
 

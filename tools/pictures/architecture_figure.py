@@ -19,7 +19,7 @@ LANES: dict[str, tuple[str, list[Box]]] = {
     "An action": (
         "in every step",
         [
-            ("env.step(action)", "checks and copies it in", "stripe_newton/envs/rl_env.py"),
+            ("env.step(action)", "checks and copies it in", "stripe_newton/envs/stepped_scene.py"),
             ("action terms", "scale and clip, set targets", "stripe_newton/managers/action_manager.py"),
             ("physics steps", "as many as decimation says", "stripe_newton/sim/simulation.py"),
             ("actuators", "targets become efforts", "stripe_newton/actuators/actuation.py"),
@@ -31,7 +31,7 @@ LANES: dict[str, tuple[str, list[Box]]] = {
         [
             ("its config entry", "function, weight, parameters", "stripe_newton/managers/reward_manager.py"),
             ("bind_term", "an array or number per argument", "stripe_newton/fusion/binding.py"),
-            ("a section", "lines of source, and what they use", "stripe_newton/fusion/stage.py"),
+            ("a section", "lines of source, and what they use", "stripe_newton/fusion/section.py"),
             ("a fused kernel", "sections of a stage together", "stripe_newton/fusion/kernel_source.py"),
             ("the plan", "kernels as one CUDA graph", "stripe_newton/fusion/plan.py"),
         ],
