@@ -154,7 +154,8 @@ class LimbForm:
         return {
             "NSLOTS": self.slots, "LIMB_DOFS": self.limb_dofs, "HUB_DOFS": len(hub_dofs), "HUB_BODIES": len(self.hub),
             "NSTATIC": len(_static_bodies(model)), "HUB_IS_FREE": int(free), "HUB_IS_CHAIN": int(chain),
-            "ALL_HUB": int(moves_all), "LIMB_CONTACTS": min(self.most_hits, max_contacts), "LIMB_GEOMS": max(1, self.most_geoms), "LOSSES": int(self.losses),
+            "ALL_HUB": int(moves_all), "LIMB_CONTACTS": min(self.most_hits, max_contacts),
+            "LIMB_GEOMS": max(1, self.most_geoms), "LOSSES": int(self.losses),
             "NPLANES": len(self.planes), "NGROUNDS": len(self.grounds), "MORE_THAN_PLANES": int(self.other_grounds),
             "MOST_SEARCHES": _MOST_SEARCHES, "MOST_LISTED": _MOST_LISTED,
         }  # fmt: skip

@@ -8,8 +8,11 @@
 // alone. A lane takes the hits of its limb in the order of their parts, so that neither their number nor their order depends on
 // the other lanes.
 //
+// A launch is a few steps, in which little moves far. So a lane keeps how far each geom of its limb is from all that it may touch,
+// and does not look at it again until it has moved as far.
+//
 // All of a step's code should stay in a multiprocessor's cache for instructions, 128 KB: what does not is fetched again in each
-// step of a launch, which takes longer than to run it. So each piece of this code is there once.
+// step of a launch, which may take longer than to run it. So each piece of this code is there once.
 
 #if WARP_SEARCHES
 namespace fused {
