@@ -24,8 +24,12 @@ _MOST_STILLS = 8
 """Pairs of a limb with primitives that do not move, up to which its lane is fast enough."""
 _MOST_GROUNDS = 2
 """Height fields and meshes whose poses are kept in the state of a world."""
-_MOST_SEARCHES, _MOST_LISTED = 48, 128
-"""Searches that the lanes of a warp do at a time, and touches that they list: up to 40 and 70 in a furnished flat."""
+_MOST_SEARCHES, _MOST_LISTED = 28, 128
+"""Searches that the lanes of a warp do at a time, and touches that they list: up to 34 and 70 in a furnished flat.
+
+With so many, a multiprocessor that has room for two blocks of quadrupeds keeps 60 KB of its memory as a cache, where a
+lane's contacts are.
+"""
 _MOST_COLUMNS = 10
 """Degrees of freedom of hub and limb for which a lane of a GPU has registers."""
 _HITS = {
@@ -63,6 +67,8 @@ class LimbForm:
     """Most pairs of a limb with primitives that do not move, but for planes."""
     fields: bool
     """Whether geoms may touch height fields."""
+    most_geoms: int
+    """Most geoms of a limb, with those of the hub that it looks at."""
 
     @classmethod
     def of(cls, model: mujoco.MjModel, pairs: Sequence[ContactPair], losses: bool = False) -> LimbForm | None:
@@ -82,9 +88,10 @@ class LimbForm:
         grounds = tuple(sorted({pair.geom1 for pair in pairs if is_searched(pair)}))
         stills = max(sum(not _is_plane(pairs[p]) and not is_searched(pairs[p]) for p in share) for share in shares)
         fields = any(pair.kind.startswith("FIELD") for pair in pairs)
+        geoms = max(len({_moving_first(model, pairs[p])[0] for p in share}) for share in shares)
         return cls(model, tuple(hub), tuple(map(tuple, limbs)), tuple(map(tuple, shares)), most, losses, planes,
                    grounds if len(grounds) <= _MOST_GROUNDS else (), not all(map(_is_plane, pairs)), stills,
-                   fields)  # fmt: skip
+                   fields, geoms)  # fmt: skip
 
     @property
     def slots(self) -> int:
@@ -132,7 +139,7 @@ class LimbForm:
         if not any(map(is_searched, pairs)):
             return 0
         touch = 8 if any(pair.kind.startswith("MESH") for pair in pairs) else 7
-        return -(-(_MOST_SEARCHES * (21 + 4 * touch + 5) + 64 + 32 + _MOST_LISTED + 64 + 1) // 4) * 4
+        return -(-(_MOST_SEARCHES * (21 + 4 * touch + 5) + 64 + _MOST_LISTED + 64 + 2) // 4) * 4
 
     def sizes(self, max_contacts: int) -> dict[str, int]:
         """Sizes that the source relies on.
@@ -147,7 +154,8 @@ class LimbForm:
         return {
             "NSLOTS": self.slots, "LIMB_DOFS": self.limb_dofs, "HUB_DOFS": len(hub_dofs), "HUB_BODIES": len(self.hub),
             "NSTATIC": len(_static_bodies(model)), "HUB_IS_FREE": int(free), "HUB_IS_CHAIN": int(chain),
-            "ALL_HUB": int(moves_all), "LIMB_CONTACTS": min(self.most_hits, max_contacts), "LOSSES": int(self.losses),
+            "ALL_HUB": int(moves_all), "LIMB_CONTACTS": min(self.most_hits, max_contacts),
+            "LIMB_GEOMS": max(1, self.most_geoms), "LOSSES": int(self.losses),
             "NPLANES": len(self.planes), "NGROUNDS": len(self.grounds), "MORE_THAN_PLANES": int(self.other_grounds),
             "MOST_SEARCHES": _MOST_SEARCHES, "MOST_LISTED": _MOST_LISTED,
         }  # fmt: skip

@@ -102,7 +102,7 @@ def launched(solver: SolverFused, before: dict[str, np.ndarray], steps: int) -> 
 def test_worlds_with_parameters_of_their_own(ground, monkeypatch):
     """State, bodies and forces of contacts are those of the general form, and so are states of four lanes.
 
-    Also if these have no room for their touches.
+    Also if these have no room for their touches or searches.
     """
     model = walker_worlds("floating", 12, ground)
     solver = SolverFused(model, njmax=160, nconmax=40, kinematic_switchable_roots=False)
@@ -150,12 +150,38 @@ def test_worlds_with_parameters_of_their_own(ground, monkeypatch):
     if ground == PLANE:
         return
     speeds = data.qvel.numpy().copy()
-    monkeypatch.setattr(limb_form, "_MOST_LISTED", 3)
-    emulated = emulate(solver, 4)
-    for name, value in before.items():
-        getattr(data, name).assign(value)
-    emulated(3)
-    np.testing.assert_array_equal(data.qvel.numpy(), speeds)
+    for name, most in (("_MOST_LISTED", 3), ("_MOST_SEARCHES", 2)):
+        with monkeypatch.context() as patch:
+            patch.setattr(limb_form, name, most)
+            emulated = emulate(solver, 4)
+        for name, value in before.items():
+            getattr(data, name).assign(value)
+        emulated(3)
+        np.testing.assert_array_equal(data.qvel.numpy(), speeds)
+
+
+def test_geoms_that_come_near_in_a_launch():
+    """One launch of 40 steps, in which lanes leave out geoms that are far away, is 40 launches of one."""
+    model, rng = walker_worlds("floating", 11, MESHES), np.random.default_rng(5)
+    solver = SolverFused(model, njmax=160, nconmax=40, kinematic_switchable_roots=False)
+    solver.triangles = solver.static_triangles = solver.limbs = True
+    emulated, data = emulate(solver, 4), solver.mjw_data
+    start = {name: getattr(data, name).numpy().copy() for name in STATE}
+    start["qpos"][:, 2] += rng.uniform(0.0, 0.3, 11)
+    start["qvel"][:] = rng.normal(size=start["qvel"].shape)
+    start["qvel"][:, 2] = rng.uniform(-6.0, 0.0, 11)
+    found = []
+    for steps in (40, 1):
+        for name, value in start.items():
+            getattr(data, name).assign(value)
+        rows = 0
+        for _ in range(40 // steps):
+            emulated(steps)
+            rows += int(np.count_nonzero(data.nefc.numpy()))
+        found.append({name: getattr(data, name).numpy().copy() for name in STATE})
+    for name, value in found[0].items():
+        np.testing.assert_array_equal(found[1][name], value)
+    assert rows > 100
 
 
 @pytest.mark.parametrize(("name", "lanes"), [("floating", 4), ("planar", 4), ("planar", 32)])

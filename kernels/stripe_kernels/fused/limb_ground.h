@@ -29,13 +29,13 @@ FN Near near_ground(const OnGround& o, const Parameters& P, int p) {
     const Cover c = cover(o.geom, ground_part(p));
     const real reach = c.radius + larger(margin_of(P, p), 0) + (real)1e-5;  // more than rounding
 #if HAS_MESHES
-    if (is_on_mesh(p)) return near_mesh(mesh_of(P, p).clearance, o.axes, o.at, c, reach);
+    if (is_mesh_pair(p)) return near_mesh(mesh_of(P, p).clearance, o.axes, o.at, c, reach);
 #endif
 #if HAS_FIELDS
     const bool near = is_near_field(patch_of(o, P, p), o.axes, c, reach);
-    return Near{near, near, near, near};
+    return Near{near, near, near, near, 0};
 #else
-    return Near{true, true, true, true};
+    return Near{true, true, true, true, 0};
 #endif
 }
 
@@ -44,7 +44,7 @@ FN void prepare(Search& s, const OnGround& o, const Parameters& P, int p) {
     const int part = ground_part(p);
     s.pair = p, s.count = 0, s.ended = false, s.size = 0;
 #if HAS_MESHES
-    if (is_on_mesh(p)) {
+    if (is_mesh_pair(p)) {
         prepare(s, kind_of(part), end_of(part), margin_of(P, p), mesh_of(P, p), o.at, o.axes, o.geom);
         return;
     }
@@ -62,27 +62,9 @@ FN bool touches_plane(const Search& s, Touch& hit, const Parameters& P) {
 }
 #endif
 
-#if WARP_SEARCHES
-// What is near the part of a pair, of which the geom is near. A touch with a plane needs no search.
-enum Nearby { NO_TOUCH, TOUCHED_PLANE, OTHER_SURFACE };
-FN Nearby what_is_near(Touch& hit, const OnGround& o, const Parameters& P, int p) {
-#if HAS_MESHES
-    const PartKind kind = kind_of(ground_part(p));
-    if (is_on_mesh(p) && kind != AXIS_PART && kind != BOX_PART) {
-        Search s;
-        prepare(s, o, P, p);
-        if (s.size == 0) return NO_TOUCH;
-        if (s.on_plane) return touches_plane(s, hit, P) ? TOUCHED_PLANE : NO_TOUCH;
-    }
-#endif
-    return OTHER_SURFACE;
-}
-#endif
-
 // A hit of a geom on its ground, in the world: halfway between the two surfaces.
-FN Hit in_world(real dist, Vec pos, Vec normal, const OnGround& o) {
-    const Mat axes = transposed(o.axes);
-    return Hit{dist, o.geom.pos + axes * (pos + ((real)0.5 * dist) * normal), axes * normal, {0, 0, 0}};
+FN Hit in_world(const Touch& h, const Mat& ground_axes, Vec geom_pos) {
+    return Hit{h.dist, geom_pos + ground_axes * (h.pos + ((real)0.5 * h.dist) * h.normal), ground_axes * h.normal, {0, 0, 0}};
 }
 
 #if !WARP_SEARCHES
@@ -111,7 +93,7 @@ FN void take_hits(Search& s, Found* found, Touches touch) {
         }
         if (taken(s) < 0) break;
 #if HAS_MESHES
-        if (is_on_mesh(s.pair) && s.kind == BALL_PART && s.count == 0 && best.dist < -s.radius) {
+        if (is_mesh_pair(s.pair) && s.kind == BALL_PART && s.count == 0 && best.dist < -s.radius) {
             if (far && s.order >= outside) break;
             far = !far;
             if (far) continue;
@@ -128,7 +110,7 @@ FN void to_world(Hits& hits, int* geoms, const Search& s, const Found* found, co
     hits.count = s.count;
     for (int i = 0; i < s.count; i++) {
         const Touch& h = found[i].touch;
-        hits.hit[i] = in_world(h.dist, h.pos, h.normal, o);
+        hits.hit[i] = in_world(h, transposed(o.axes), o.geom.pos);
 #if HAS_MESHES
         geoms[i] = h.geom < 0 ? contact_geom1(s.pair) : h.geom;
 #endif
@@ -149,7 +131,7 @@ FN void ground_hits(Hits& hits, int* geoms, const OnGround& o, const Parameters&
     take_hits(s, found, [&](int c, bool far, Touch& hit, real& order) {
         const auto box = [&] { return box_in(o.axes, o.geom); };
 #if HAS_MESHES
-        if (is_on_mesh(p)) return mesh_touch(s, mesh_of(P, p), c, box, far, hit, order);
+        if (is_mesh_pair(p)) return mesh_touch(s, mesh_of(P, p), thing_of(s, mesh_of(P, p), c), box, far, hit, order);
         hit.geom = -1;
 #endif
 #if HAS_FIELDS

@@ -7,6 +7,12 @@
 // be hundreds around a round table's foot. The touches of the others are listed, so that the rounds after the first look at them
 // alone. A lane takes the hits of its limb in the order of their parts, so that neither their number nor their order depends on
 // the other lanes.
+//
+// A launch is a few steps, in which little moves far. So a lane keeps how far each geom of its limb is from all that it may touch,
+// and does not look at it again until it has moved as far.
+//
+// All of a step's code should stay in a multiprocessor's cache for instructions, 128 KB: what does not is fetched again in each
+// step of a launch, which may take longer than to run it. So each piece of this code is there once.
 
 #if WARP_SEARCHES
 namespace fused {
@@ -14,10 +20,11 @@ namespace fused {
 struct Kept {
     Touch touch;
 };
-// A candidate: the number of its search, and its own number there.
+// A candidate: the number of its search, and of what may touch: a face or edge of meshes, or a piece of a height field.
 struct Candidate {
-    unsigned search : 8, number : 24;
+    unsigned search : 5, number : 27;
 };
+static_assert(MOST_SEARCHES <= 32, "number of a search");
 // What the lanes of a warp share.
 struct alignas(16) WarpSearches {
     unsigned long long best[MOST_SEARCHES];  // order and number of the best candidate of a round
@@ -26,10 +33,10 @@ struct alignas(16) WarpSearches {
     Kept found[MOST_SEARCHES][4];            // hits; behind them that of the best candidate of a round
     unsigned outside[MOST_SEARCHES];         // order of the nearest face that a ball is in front of and does not touch
     int touches[MOST_SEARCHES];
-    unsigned short listed[64];               // parts that are to be prepared: see `PartOfLane`
-    unsigned short part[MOST_SEARCHES];
+    unsigned short part[MOST_SEARCHES];      // see `PartOfLane`
     bool far[MOST_SEARCHES];                 // whether such faces are asked for
     bool is_listed[MOST_SEARCHES];           // whether all its touches are listed
+    int count;                               // searches, of which there may be more than places
     int num_listed;                          // touches, of which there may be more than places
     Candidate touching[MOST_LISTED];         // those of a round that has more are found again in the next one
     Candidate queue[64];                     // candidates that may touch
@@ -62,18 +69,11 @@ FN int lanes_of_warp(const Parameters& P) {
     return worlds < 32 / LANES ? worlds * LANES : 32;
 }
 
-// The geom of a searched pair on its ground.
-FN OnGround pair_on_ground(const World& w, const Parameters& P, int p) {
-    const int g = contact_geom2(p);
-    return on_ground(ground_of(w, P, p, geom_body(g)), geom_of(w, P, g));
-}
-
-// A hit of a limb's pair: in the world, or on the ground of a searched pair.
+// A hit of a limb's pair.
 struct PairHit {
     Hit hit;
     int geom;
     short pair;
-    bool on_ground;
     unsigned char number;  // of the pair among those of the limb
 };
 // Contacts of a limb that have been found so far.
@@ -82,7 +82,7 @@ struct PairHits {
     int count, overflow;
 };
 // Add a hit behind those of the same pair and the pairs before it.
-FN void add(PairHits& found, const PairHit& hit) {
+ONE_COPY void add(PairHits& found, const PairHit& hit) {
     if (found.count == LIMB_CONTACTS) {
         found.overflow |= OVERFLOW_CONTACTS;
         return;
@@ -91,55 +91,112 @@ FN void add(PairHits& found, const PairHit& hit) {
     ROLLED for (; i && found.hits[i - 1].number > hit.number; i--) found.hits[i] = found.hits[i - 1];
     found.hits[i] = hit;
 }
-// Add a hit of a pair on its ground.
-FN void add_touch(PairHits& found, const Touch& h, int p, int number) {
+// Add a hit of the geom at `pos` on its ground.
+FN void add_touch(PairHits& found, const Touch& h, const Mat& ground_axes, Vec pos, int p, int number) {
 #if HAS_MESHES
     const int geom = h.geom < 0 ? contact_geom1(p) : h.geom;
 #else
     const int geom = contact_geom1(p);
 #endif
-    add(found, PairHit{Hit{h.dist, h.pos, h.normal, Vec{0, 0, 0}}, geom, (short)p, true, (unsigned char)number});
+    add(found, PairHit{in_world(h, ground_axes, pos), geom, (short)p, (unsigned char)number});
 }
 
-// Hits of a pair of primitives, of which `own` moves.
-FN void add_primitive(PairHits& found, const World& w, const Parameters& P, int p, int number, const Geom& own, int g) {
+// Hits of a pair of primitives, of which `own` moves. Returns how far they are apart at least, not more than 0 where they may touch.
+FN real add_primitive(PairHits& found, const World& w, const Parameters& P, int p, int number, const Geom& own, int g) {
     const int a = contact_geom1(p);
     const bool is_plane = contact_kind(p) <= PLANE_CYLINDER, is_first = g == a;
     const Geom still = is_plane ? plane_of(w, p) : static_geom(w, P, is_first ? contact_geom2(p) : a, geom_body(g));
-    if (!is_plane && are_far(still, own, margin_of(P, p))) return;
-    if (!has_both(P, p)) return;
+    if (!has_both(P, p)) return (real)1e6;
+    const Vec d = own.pos - still.pos;
+    const real away = is_plane ? dot(d, column(still.axes, 2)) : SQRT(dot(d, d)) - radius_of(still);
+    const real margin = margin_of(P, p), clear = away - radius_of(own) - margin;
+    if (clear > (real)1e-4) return clear;
     Hits hits;
-    primitive_hits(hits, p, margin_of(P, p), is_first ? own : still, is_first ? still : own);
-    ROLLED for (int i = 0; i < hits.count; i++) add(found, PairHit{hits.hit[i], a, (short)p, false, (unsigned char)number});
+    primitive_hits(hits, p, margin, is_first ? own : still, is_first ? still : own);
+    ROLLED for (int i = 0; i < hits.count; i++) add(found, PairHit{hits.hit[i], a, (short)p, (unsigned char)number});
+    return 0;
 }
 
-// Look at the geoms of a limb: add the hits of primitives, and of what is near a plane alone. Returns which of its pairs are of
-// other parts that are near a ground.
-FN unsigned long long look_at_geoms(PairHits& found, const World& w, const Parameters& P, int slot) {
-    unsigned long long near = 0;
-    const int first = limb_pair_start(slot), end = limb_geom_start(slot + 1);
-    ROLLED for (int k = limb_geom_start(slot); k < end; k++) {
-        const int g = limb_geom(k), searched = limb_geom_search(k), last = limb_geom_pair(k + 1);
+// Whether a geom of the body `b` has moved less since it was looked at than it was away from all that it may touch. A point at the
+// distance r from the body's origin moves by 2 r at most for each unit that the body's quaternion changes by.
+FN bool is_clear(const Known& o, int k, const World& w, int b) {
+    const Known::Geom& was = o.geom[k];
+    const Vec d = load(w.pos + 3 * b) + origin_of(w, b) - load(was.at);
+    const real* q = w.quat + 4 * b;
+    real turned = 0;
+    UNROLLED for (int i = 0; i < 4; i++) turned += (q[i] - was.turned[i]) * (q[i] - was.turned[i]);
+    return dot(d, d) + 4 * o.reach * o.reach * turned < was.clear;
+}
+// Note where a geom is, and how far it is from all that it may touch.
+FN void note_clear(Known& o, int k, const World& w, const Parameters& P, int g, const Geom& own, real clear) {
+    const int b = geom_body(g);
+    const Vec at = load(w.pos + 3 * b) + origin_of(w, b), from = load(P.geom_pos() + 3 * g);
+    Known::Geom& is = o.geom[k];
+    clear -= (real)1e-4 + (real)1e-6 * (FABS(at.x) + FABS(at.y) + FABS(at.z));  // more than rounding
+    o.reach = larger(o.reach, SQRT(dot(from, from)) + radius_of(own));
+    store(is.at, at), store_quat(is.turned, load_quat(w.quat + 4 * b));
+    is.clear = clear > 0 ? (real)0.5 * clear * clear : 0;
+}
+
+// The geoms of a limb, as bits, that have pairs that are asked for and that are not clear.
+FN unsigned long long geoms_to_look_at(const Known& known, const World& w, int slot, unsigned long long asked) {
+    unsigned long long geoms = 0;
+    const int start = limb_geom_start(slot), first = limb_pair_start(slot), count = limb_geom_start(slot + 1) - start;
+    ROLLED for (int k = 0; k < count; k++) {
+        const int begin = limb_geom_pair(start + k), last = limb_geom_pair(start + k + 1);
+        if (asked >> (begin - first) << (64 - (last - begin)) == 0) continue;
+        if (!is_clear(known, k, w, geom_body(limb_geom(start + k)))) geoms |= 1ull << k;
+    }
+    return geoms;
+}
+
+// Look at those of a limb's pairs that are asked for, geom by geom: add the hits of primitives, and of what is near a plane alone,
+// and prepare the searches for other parts that are near a ground. Returns the pairs of those for which there is no place.
+FN unsigned long long look_at_geoms(PairHits& found, WarpSearches& all, Known& known, const World& w, const Parameters& P, int slot,
+                                    unsigned long long asked) {
+    unsigned long long without_place = 0;
+    const int first = limb_pair_start(slot), start = limb_geom_start(slot);
+    ROLLED for (unsigned long long geoms = geoms_to_look_at(known, w, slot, asked); geoms; geoms &= geoms - 1) {
+        const int k = start + __ffsll(geoms) - 1;
+        const int g = limb_geom(k), begin = limb_geom_pair(k), searched = limb_geom_search(k), last = limb_geom_pair(k + 1);
         const Geom own = geom_of(w, P, g);
-        ROLLED for (int t = limb_geom_pair(k); t < searched; t++) add_primitive(found, w, P, limb_pair(t), t - first, own, g);
+        real clear = (real)1e6;
+        ROLLED for (int t = begin; t < searched; t++)
+            if (asked >> (t - first) & 1) clear = smaller(clear, add_primitive(found, w, P, limb_pair(t), t - first, own, g));
         ROLLED for (int t = searched, parts; t < last; t += parts) {
             const int p = limb_pair(t);
             parts = limb_parts(t);
             if (!has_both(P, p)) continue;
-            const OnGround o = on_ground(ground_of(w, P, p, geom_body(g)), own);
-            const Near ground = near_ground(o, P, p);
-            if (!ground.faces && !ground.edges) continue;
+            const Geom ground = ground_of(w, P, p, geom_body(g));
+            const OnGround o = on_ground(ground, own);
+            const Near near = near_ground(o, P, p);
+            clear = smaller(clear, near.clear);
+            if (!near.faces && !near.edges) continue;
             ROLLED for (int i = t; i < t + parts; i++) {
                 const int q = limb_pair(i);
-                if (!is_part_near(ground, ground_part(q))) continue;
-                Touch hit;
-                const Nearby nearby = what_is_near(hit, o, P, q);
-                if (nearby == TOUCHED_PLANE) add_touch(found, hit, q, i - first);
-                if (nearby == OTHER_SURFACE) near |= 1ull << (i - first);
+                if (!is_part_near(near, ground_part(q)) || !(asked >> (i - first) & 1)) continue;
+                Search s;
+                prepare(s, o, P, q);
+                if (s.size == 0) continue;
+#if HAS_MESHES
+                if (s.on_plane) {
+                    Touch hit;
+                    if (touches_plane(s, hit, P)) add_touch(found, hit, ground.axes, own.pos, q, i - first);
+                    continue;
+                }
+#endif
+                s.pos = own.pos;
+                const int place = atomicAdd(&all.count, 1);
+                if (place < MOST_SEARCHES) {
+                    all.search[place] = s, all.part[place] = packed(PartOfLane{(int)(threadIdx.x % 32), i - first});
+                    all.far[place] = all.is_listed[place] = false;
+                } else
+                    without_place |= 1ull << (i - first);
             }
         }
+        note_clear(known, k - start, w, P, g, own, clear);
     }
-    return near;
+    return without_place;
 }
 
 // A number of the same order as a real one.
@@ -149,27 +206,34 @@ FN unsigned in_order(real x) {
 }
 
 // The touch of a candidate of a search for a part of the lane `lane` of the warp.
-FN bool touch_of(const Search& s, const Parameters& P, int lane, int candidate, bool far, Touch& hit, real& order) {
+FN bool touch_of(const Search& s, const Parameters& P, int lane, int thing, bool far, Touch& hit, real& order) {
     const int p = s.pair;
     const auto box = [&] {
-        const OnGround o = pair_on_ground(world_of(lane), parameters_of(P, lane), p);
-        return box_in(o.axes, o.geom);
+        const World& w = world_of(lane);
+        const Parameters Q = parameters_of(P, lane);
+        const int g = contact_geom2(p);
+        return box_in(transposed(ground_of(w, Q, p, geom_body(g)).axes), geom_of(w, Q, g));
     };
 #if HAS_MESHES
-    if (is_on_mesh(p)) return mesh_touch(s, mesh_of(P, p), candidate, box, far, hit, order);
+    if (is_mesh_pair(p)) return mesh_touch(s, mesh_of(P, p), thing, box, far, hit, order);
     hit.geom = -1;
 #endif
 #if HAS_FIELDS
-    return field_touch(s, patch_at(field_of(P, contact_geom1(p)), s.geom), candidate, box, hit, order);
+    return field_touch(s, patch_at(field_of(P, contact_geom1(p)), s.geom), thing, box, hit, order);
 #else
     return false;
 #endif
 }
 
-// Whether the bounds of a candidate of a search are in reach.
-FN bool may_touch(const Search& s, const Parameters& P, int candidate, bool far) {
+// A candidate of a search as what may touch. Returns whether its bounds are in reach.
+FN bool may_touch(unsigned& thing, const Search& s, const Parameters& P, int candidate, bool far) {
+    thing = candidate;
 #if HAS_MESHES
-    if (is_on_mesh(s.pair)) return may_touch(s, mesh_of(P, s.pair), candidate, far);
+    if (is_mesh_pair(s.pair)) {
+        const Mesh& mesh = mesh_of(P, s.pair);
+        thing = thing_of(s, mesh, candidate);
+        return may_touch(s, mesh, thing, far);
+    }
 #endif
     return true;
 }
@@ -228,8 +292,9 @@ FN void find_touches(WarpSearches& all, const Parameters& P, int count, int cand
             bool is_one = false;
             if (i < candidates) {
                 while (k + 1 < count && all.search[k + 1].start <= i) k++;  // the last that starts there: those before are empty
-                c = Candidate{(unsigned)k, (unsigned)(i - all.search[k].start)};
-                is_one = may_touch(all.search[k], P, c.number, all.far[k]);
+                unsigned thing;
+                is_one = may_touch(thing, all.search[k], P, i - all.search[k].start, all.far[k]);
+                c = Candidate{(unsigned)k, thing};
             } else if (i < end) {
                 c = all.touching[i - candidates];
                 is_one = all.is_listed[c.search] && !all.search[c.search].ended;
@@ -261,7 +326,7 @@ FN void take_best(WarpSearches& all, int k) {
     const Touch hit = all.found[k][s.count].touch;
 #if HAS_MESHES
     // Faces that a ball is in front of and does not touch are asked for if it is behind another one.
-    if (is_on_mesh(s.pair) && s.kind == BALL_PART && s.count == 0 && hit.dist < -s.radius) {
+    if (is_mesh_pair(s.pair) && s.kind == BALL_PART && s.count == 0 && hit.dist < -s.radius) {
         if (all.far[k] && (unsigned)(all.best[k] >> 32) >= all.outside[k]) {
             s.ended = true;
             return;
@@ -278,7 +343,7 @@ FN void take_best(WarpSearches& all, int k) {
 }
 
 // Find the hits of some searches, and add each to those of the lane that it belongs to.
-FN void find_hits(PairHits& found, WarpSearches& all, const Parameters& P, int count, int lane, int lanes) {
+FN void find_hits(PairHits& found, WarpSearches& all, const World& w, const Parameters& P, int count, int lane, int lanes) {
     all.own[lane] = 0;
     if (lane == 0) all.num_listed = 0;
     bool goes_on = true;
@@ -303,74 +368,32 @@ FN void find_hits(PairHits& found, WarpSearches& all, const Parameters& P, int c
     ROLLED for (unsigned long long own = all.own[lane]; own; own &= own - 1) {
         const int k = __ffsll(own) - 1;
         const Search& s = all.search[k];
-        ROLLED for (int i = 0; i < s.count; i++) add_touch(found, all.found[k][i].touch, s.pair, unpacked(all.part[k]).number);
+        const Mat axes = ground_of(w, P, s.pair, geom_body(contact_geom2(s.pair))).axes;
+        ROLLED for (int i = 0; i < s.count; i++)
+            add_touch(found, all.found[k][i].touch, axes, s.pos, s.pair, unpacked(all.part[k]).number);
     }
     SYNC_WARP();
 }
 
-// Prepare the search for a part of the warp, see `prepare`. `l` is the number of the limb of a lane.
-FN void prepare(Search& s, const Parameters& P, PartOfLane part, int l) {
-    const World& w = world_of(part.lane);
-    const Parameters Q = parameters_of(P, part.lane);
-    const int p = limb_pair(limb_pair_start(slot_of(l, part.lane % LANES)) + part.number);
-    prepare(s, pair_on_ground(w, Q, p), Q, p);
-}
-
-// Hits of the pairs of a slot.
-FN void find_pair_hits(PairHits& found, const World& w, const Parameters& P, int slot, int l) {
+// Contacts of a slot. Returns their number.
+FN int limb_contacts(LimbContact* contacts, const World& w, const Parameters& P, const Limb& L, int slot, int& rows, int& overflow,
+                     Known& known) {
     const int lane = threadIdx.x % 32, lanes = lanes_of_warp(P);
-    unsigned long long near = look_at_geoms(found, w, P, slot);
-    WarpSearches& all = warp_searches();
-    int listed = 0, count = 0;
-    ROLLED for (;;) {
-        // Each lane lists its next part in turn, so that a lane's limb has few of the parts that are searched at a time.
-        bool is_more = any_in_warp(near != 0);
-        ROLLED while (is_more && listed < lanes) {
-            const unsigned votes = __ballot_sync(0xffffffffu, near != 0);
-            if (near) all.listed[listed + __popc(votes & (1u << lane) - 1)] = packed(PartOfLane{lane, __ffsll(near) - 1});
-            near &= near - 1, listed += __popc(votes);
-            is_more = any_in_warp(near != 0);
-        }
-        const bool is_last = listed == 0;
-        const int taken = listed < lanes ? listed : lanes;
-        unsigned short part = 0, next = 0;
-        Search s;
-        s.size = 0;
-        SYNC_WARP();
-        if (lane < taken) part = all.listed[lane], prepare(s, P, unpacked(part), l);
-        if (lanes + lane < listed) next = all.listed[lanes + lane];
-        SYNC_WARP();
-        if (lanes + lane < listed) all.listed[lane] = next;
-        listed -= taken;
-        const bool is_found = s.size > 0;
-        const unsigned votes = __ballot_sync(0xffffffffu, is_found);
-        // In one place, as its code is long.
-        if (count && (is_last || count + __popc(votes) > MOST_SEARCHES)) find_hits(found, all, P, count, lane, lanes), count = 0;
-        if (is_last) break;
-        const int k = count + __popc(votes & (1u << lane) - 1);
-        if (is_found) {
-            all.search[k] = s, all.part[k] = part;
-            all.far[k] = all.is_listed[k] = false;
-        }
-        count += __popc(votes);
-        SYNC_WARP();
-    }
-}
-
-// Contacts of a slot, the limb `l` of its lane. Returns their number.
-FN int limb_contacts(LimbContact* contacts, const World& w, const Parameters& P, const Limb& L, int slot, int l, int& rows, int& overflow) {
     PairHit hits[LIMB_CONTACTS ? LIMB_CONTACTS : 1];
     PairHits found{hits, 0, 0};
-    find_pair_hits(found, w, P, slot, l);
+    WarpSearches& all = warp_searches();
+    unsigned long long asked = ~0ull;
+    ROLLED do {
+        if (lane == 0) all.count = 0;
+        SYNC_WARP();
+        asked = look_at_geoms(found, all, known, w, P, slot, asked);
+        SYNC_WARP();
+        const int count = all.count < MOST_SEARCHES ? all.count : MOST_SEARCHES;
+        if (count) find_hits(found, all, w, P, count, lane, lanes);
+    } while (any_in_warp(asked != 0));
     overflow |= found.overflow;
     ROLLED for (int c = 0; c < found.count; c++) {
-        const int p = hits[c].pair;
-        Hit hit = hits[c].hit;
-        if (hits[c].on_ground) {
-            const OnGround o = pair_on_ground(w, P, p);
-            hit = in_world(hit.dist, hit.pos, hit.normal, o);
-        }
-        set_contact(contacts[c], w, P, L, slot, p, hits[c].geom, hit);
+        set_contact(contacts[c], w, P, L, slot, hits[c].pair, hits[c].geom, hits[c].hit);
         rows += contacts[c].rows;
     }
     return found.count;

@@ -25,7 +25,14 @@ struct alignas(16) MeshEdge {
     int geom, is_solid, none[2];
 };
 
-// Three numbers and an integer that lie together, in one load: lanes read records that are far apart.
+// Four numbers that lie together, or three and an integer, in one load: lanes read records that are far apart.
+FN void load_four(float* to, const float* from) {
+#ifdef __CUDACC__
+    asm("ld.global.nc.v4.f32 {%0, %1, %2, %3}, [%4];" : "=f"(to[0]), "=f"(to[1]), "=f"(to[2]), "=f"(to[3]) : "l"(from));
+#else
+    for (int k = 0; k < 4; k++) to[k] = from[k];
+#endif
+}
 FN void load_four(float* numbers, int& integer, const float* from) {
 #ifdef __CUDACC__
     asm("ld.global.nc.v4.b32 {%0, %1, %2, %3}, [%4];" : "=f"(numbers[0]), "=f"(numbers[1]), "=f"(numbers[2]), "=r"(integer) : "l"(from));
@@ -39,6 +46,19 @@ FN MeshFace face_at(const Grid& g, int number) {
     MeshFace o;
     load_four(o.normal, o.geom, f.normal), load_four(o.a, o.is_solid, f.a);
     load_four(o.b, o.none1, f.b), load_four(o.c, o.none2, f.c);
+    return o;
+}
+
+FN const MeshEdge& edge_of(const Grid& g, int number) { return ((const MeshEdge*)g.things)[number]; }
+// The points of an edge: its ends, and the third corners of the faces on both sides.
+struct EdgePoints {
+    float a[3], b[3], left[3], right[3];
+};
+FN EdgePoints points_of(const MeshEdge& e) {
+    float x[12];
+    UNROLLED for (int i = 0; i < 12; i += 4) load_four(x + i, e.a + i);
+    EdgePoints o;
+    UNROLLED for (int k = 0; k < 3; k++) o.a[k] = x[k], o.b[k] = x[3 + k], o.left[k] = x[6 + k], o.right[k] = x[9 + k];
     return o;
 }
 
@@ -79,9 +99,8 @@ FN const int* row_of_cells(const Grid& g, int layer, int row) { return g.cells +
 FN int count_items(const Grid& g, const Cells& c) {
     int count = 0;
     if (c.col > c.last_col) return 0;
-    for (int layer = c.layer; layer <= c.last_layer; layer++)
-#pragma unroll 4
-        for (int row = c.row; row <= c.last_row; row++) {
+    ROLLED for (int layer = c.layer; layer <= c.last_layer; layer++)
+        ROLLED for (int row = c.row; row <= c.last_row; row++) {
             const int* cells = row_of_cells(g, layer, row);
             count += cells[c.last_col + 1] - cells[c.col];
         }
@@ -89,7 +108,7 @@ FN int count_items(const Grid& g, const Cells& c) {
 }
 FN int item(const Grid& g, const Cells& c, int i) {
     int layer = c.layer, row = c.row;
-    for (;;) {
+    ROLLED for (;;) {
         const int* cells = row_of_cells(g, layer, row);
         int first = cells[c.col], count = cells[c.last_col + 1] - first;
         if (i < count) return g.items[first + i];
@@ -99,50 +118,13 @@ FN int item(const Grid& g, const Cells& c, int i) {
 }
 FN Vec normal_of(const MeshFace& f) { return Vec{(real)f.normal[0], (real)f.normal[1], (real)f.normal[2]}; }
 
-// Touch of a point with a face within `reach`, or within `depth` where it is behind a face of a solid. Of faces with the same
-// nearest point the one whose plane is farthest from it tells its side, and comes first by `order`.
-FN bool point_touch(const MeshFace& f, Vec geom, Vec p, real reach, real depth, Touch& hit, real& order) {
-    const Vec n = normal_of(f), a = in_mesh(f.a, geom);
-    const real above = dot(p - a, n);
-    const bool behind = f.is_solid && above < 0;
-    if (behind) reach = depth;
-    if (FABS(above) >= reach) return false;
-    const Triangle t{a, in_mesh(f.b, geom), in_mesh(f.c, geom)};
-    Vec point = closest_on_triangle(p, t), offset = p - point;
-    real dist = SQRT(dot(offset, offset));
-    if (dist >= reach) return false;
-    hit.pos = point, hit.geom = f.geom, hit.dist = behind ? -dist : dist;
-    hit.normal = dist <= (real)1e-7 ? n : ((behind ? -1 : 1) / dist) * offset;
-    order = dist - (real)1e-3 * FABS(above);
-    return true;
+// The face or edge of a candidate. That of a box is twice its number, and one more for its second end.
+FN int thing_of(const Search& s, const Mesh& mesh, int candidate) {
+    const bool is_box = s.kind == BOX_PART;
+    const Grid& g = is_box || s.kind == AXIS_PART ? mesh.edges : mesh.faces;
+    const int i = is_box ? candidate / 2 : candidate, thing = s.first >= 0 ? g.items[s.first + i] : item(g, s.cells, i);
+    return is_box ? 2 * thing + candidate % 2 : thing;
 }
-
-FN int item(const Search& s, const Grid& g, int i) { return s.first >= 0 ? g.items[s.first + i] : item(g, s.cells, i); }
-
-#if SEARCHES_BOXES
-// Touch of a corner of a box with a face. Which side of it is outside the box's centre tells: where the centre is behind a face
-// of a solid, another one is nearer to it. A corner on the other side than the centre is inside, and leaves that way.
-FN bool corner_touch(const MeshFace& f, const Search& s, Touch& hit, real& order) {
-    Triangle t{in_mesh(f.a, s.geom), in_mesh(f.b, s.geom), in_mesh(f.c, s.geom)};
-    Vec n = normal_of(f);
-    if (dot(t.a, n) > 0) {
-        if (f.is_solid) return false;
-        n = -1 * n;
-    }
-    real above = dot(s.at - t.a, n);
-    if (above <= -MESH_DEPTH || above >= s.reach) return false;
-    Vec point = closest_on_triangle(s.at, t), offset = s.at - point;
-    real dist = SQRT(dot(offset, offset));
-    hit.pos = point, hit.geom = f.geom;
-    if (above < 0) {
-        if (dist > (real)-1.001 * above + (real)1e-6) return false;  // beside the face
-        hit.dist = above, hit.normal = n, order = -1 - above;  // before those outside, the way out that is shortest first
-        return true;
-    }
-    hit.dist = order = dist, hit.normal = dist <= (real)1e-7 ? n : (1 / dist) * offset;
-    return dist < s.reach;
-}
-#endif
 
 #if LIMBS
 // Touch of a ball or a corner with the plane of a face.
@@ -164,24 +146,45 @@ FN bool plane_touch(const Search& s, const MeshFace& f, Touch& hit) {
 #endif
 
 // Candidates of a ball or a corner: faces. That nearest to a ball's centre tells where it is: inside of a solid it is the only
-// touch, and outside it may be farther away than what touches. It is told then if `far` faces are.
-FN bool face_touch(const Search& s, const Grid& g, int i, bool far, Touch& hit, real& order) {
-    const MeshFace f = face_at(g, item(s, g, i));
-#if SEARCHES_BOXES
-    if (s.kind == CORNER_PART) return corner_touch(f, s, hit, order);
-#endif
-    real reach = s.radius + s.reach, depth = s.radius + MESH_DEPTH;
-    if (far && f.is_solid) reach = larger(reach, depth);
-    if (!point_touch(f, s.geom, s.at, reach, depth, hit, order)) return false;
-    hit.dist -= s.radius;
+// touch, and outside it may be farther away than what touches. It is told then if `far` faces are. Of faces with the same
+// nearest point the one whose plane is farthest from the centre tells its side, and comes first by `order`.
+//
+// Which side of a face is outside of a corner the box's centre tells: where the centre is behind a face of a solid, another one is
+// nearer to it. A corner on the other side than the centre is inside, and leaves that way, the shortest first.
+FN bool face_touch(const Search& s, const MeshFace& f, bool far, Touch& hit, real& order) {
+    const bool is_corner = SEARCHES_BOXES && s.kind == CORNER_PART;
+    const Triangle t{in_mesh(f.a, s.geom), in_mesh(f.b, s.geom), in_mesh(f.c, s.geom)};
+    Vec n = normal_of(f);
+    if (is_corner && dot(t.a, n) > 0) {
+        if (f.is_solid) return false;
+        n = -1 * n;
+    }
+    const real above = dot(s.at - t.a, n), depth = s.radius + MESH_DEPTH;
+    const bool behind = above < 0 && (is_corner || f.is_solid);
+    real reach = s.radius + s.reach;
+    if (behind) reach = depth;
+    else if (far && f.is_solid && !is_corner) reach = larger(reach, depth);
+    if (FABS(above) >= reach) return false;
+    const Vec point = closest_on_triangle(s.at, t), offset = s.at - point;
+    const real dist = SQRT(dot(offset, offset));
+    hit.pos = point, hit.geom = f.geom;
+    if (is_corner && behind) {
+        if (dist > (real)-1.001 * above + (real)1e-6) return false;  // beside the face
+        hit.dist = above, hit.normal = n, order = -1 - above;        // before those outside
+        return true;
+    }
+    if (dist >= reach) return false;
+    hit.normal = dist <= (real)1e-7 ? n : ((behind ? -1 : 1) / dist) * offset;
+    hit.dist = (behind ? -dist : dist) - s.radius;
+    order = is_corner ? dist : dist - (real)1e-3 * FABS(above);
     return true;
 }
 
 // Candidates of an axis, its ends left out: edges at which the surface bends down or ends.
-FN bool edge_touch(const Search& s, const Grid& g, int i, Touch& hit, real& order) {
-    const MeshEdge& e = ((const MeshEdge*)g.things)[item(s, g, i)];
+FN bool edge_touch(const Search& s, const MeshEdge& edge, Touch& hit, real& order) {
+    const EdgePoints e = points_of(edge);
     Triangle t{in_mesh(e.a, s.geom), in_mesh(e.b, s.geom), in_mesh(e.left, s.geom)};
-    hit.geom = e.geom;
+    hit.geom = edge.geom;
     return axis_touch(s, t, in_mesh(e.right, s.geom), hit, order);
 }
 
@@ -203,8 +206,8 @@ FN bool clip(const Box& box, Vec from, Vec along, real& first, real& last) {
 }
 
 // Candidates of a box beside its corners: the two ends of what of each edge is inside the box.
-FN bool edge_in_box(const Search& s, const Grid& g, const Box& box, int i, Touch& hit, real& order) {
-    const MeshEdge& e = ((const MeshEdge*)g.things)[item(s, g, i / 2)];
+FN bool edge_in_box(const Search& s, const MeshEdge& edge, int end, const Box& box, Touch& hit, real& order) {
+    const EdgePoints e = points_of(edge);
     Vec a = in_mesh(e.a, s.geom), b = in_mesh(e.b, s.geom), left = in_mesh(e.left, s.geom), ends[2];
     real first, last;
     if (!clip(box, a, b - a, first, last)) return false;
@@ -214,7 +217,7 @@ FN bool edge_in_box(const Search& s, const Grid& g, const Box& box, int i, Touch
     bool is_border = dot(across, across) == 0;
     if (!is_border) n2 = normal_of(Triangle{b, a, right});
     Vec up = n1 + n2;
-    if (!e.is_solid) {
+    if (!edge.is_solid) {
         real side = dot(right - a, n1) < 0 ? 1 : -1;
         if (is_border) side = dot(n1, a) < 0 ? 1 : -1;
         else if (side * dot(n1, a) >= 0 && side * dot(n2, a) >= 0) return false;
@@ -229,70 +232,67 @@ FN bool edge_in_box(const Search& s, const Grid& g, const Box& box, int i, Touch
         if (depth < least) least = depth, hit.normal = n, hit.dist = -box.half[k / 2];
     }
     if (dot(hit.normal, up) <= (real)0.1 * SQRT(dot(up, up))) return false;
-    hit.pos = ends[i % 2], hit.dist -= dot(hit.normal, hit.pos), hit.geom = e.geom, order = hit.dist;
+    hit.pos = ends[end], hit.dist -= dot(hit.normal, hit.pos), hit.geom = edge.geom, order = hit.dist;
     return hit.dist < s.reach;
 }
 #endif
 
-// The touch of a candidate of a part of any kind. `box` places the geom of a search that is one.
+// The touch of a candidate of a part of any kind, by its `thing_of`. `box` places the geom of a search that is one.
 template <class PlaceBox>
-FN bool mesh_touch(const Search& s, const Mesh& mesh, int candidate, PlaceBox box, bool far, Touch& hit, real& order) {
+FN bool mesh_touch(const Search& s, const Mesh& mesh, int thing, PlaceBox box, bool far, Touch& hit, real& order) {
 #if SEARCHES_BOXES
-    if (s.kind == BOX_PART) return edge_in_box(s, mesh.edges, box(), candidate, hit, order);
+    if (s.kind == BOX_PART) return edge_in_box(s, edge_of(mesh.edges, thing / 2), thing % 2, box(), hit, order);
 #endif
-    if (s.kind == AXIS_PART) return edge_touch(s, mesh.edges, candidate, hit, order);
-    return face_touch(s, mesh.faces, candidate, far, hit, order);
+    if (s.kind == AXIS_PART) return edge_touch(s, edge_of(mesh.edges, thing), hit, order);
+    return face_touch(s, face_at(mesh.faces, thing), far, hit, order);
 }
 
 #if LIMBS
-// Whether a box around a point or a part of a geom, by `reach` larger, has a point of the bounds of some points.
-template <int N>
-FN bool meets_bounds(const float* const (&points)[N], Vec center, Vec half) {
-    for (int k = 0; k < 3; k++) {
-        const real at = k == 0 ? center.x : k == 1 ? center.y : center.z, by = k == 0 ? half.x : k == 1 ? half.y : half.z;
-        real low = points[0][k], high = low;
-        for (int i = 1; i < N; i++) low = smaller(low, points[i][k]), high = larger(high, points[i][k]);
-        if (low - at > by || at - high > by) return false;
-    }
-    return true;
-}
-
 // Whether a candidate of a part may touch, which takes less time to tell than whether it does: bounds are in reach.
-FN bool may_touch(const Search& s, const Mesh& mesh, int candidate, bool far) {
+FN bool may_touch(const Search& s, const Mesh& mesh, int thing, bool far) {
     const real more = (real)1e-4;  // than rounding
     const bool of_edges = s.kind == AXIS_PART || s.kind == BOX_PART;
-    if (of_edges) {
-        const MeshEdge& e = ((const MeshEdge*)mesh.edges.things)[item(s, mesh.edges, s.kind == BOX_PART ? candidate / 2 : candidate)];
-        const float* const ends[] = {e.a, e.b};
-        const real reach = s.radius + s.reach + more;
-        return meets_bounds(ends, s.geom, Vec{FABS(s.at.x) + reach, FABS(s.at.y) + reach, FABS(s.at.z) + reach});
-    }
-    const MeshFace f = face_at(mesh.faces, item(s, mesh.faces, candidate));
-    const real depth = s.radius + MESH_DEPTH, above = dot(s.at - in_mesh(f.a, s.geom), normal_of(f));
+    Vec center = s.geom, half, a, b, c;
     real reach = s.radius + s.reach;
-    if (s.kind == CORNER_PART || (f.is_solid && (far || above < 0))) reach = larger(reach, depth);
-    reach += more;
-    const float* const corners[] = {f.a, f.b, f.c};
-    return FABS(above) <= reach && meets_bounds(corners, s.geom + s.at, reach * Vec{1, 1, 1});
+    if (of_edges) {
+        const EdgePoints e = points_of(edge_of(mesh.edges, s.kind == BOX_PART ? thing / 2 : thing));
+        a = in_mesh(e.a, center), b = c = in_mesh(e.b, center);
+        reach += more;
+        half = Vec{FABS(s.at.x) + reach, FABS(s.at.y) + reach, FABS(s.at.z) + reach};
+    } else {
+        const MeshFace f = face_at(mesh.faces, thing);
+        const real depth = s.radius + MESH_DEPTH, above = dot(s.at - in_mesh(f.a, center), normal_of(f));
+        if (s.kind == CORNER_PART || (f.is_solid && (far || above < 0))) reach = larger(reach, depth);
+        reach += more;
+        if (FABS(above) > reach) return false;
+        center = center + s.at, half = reach * Vec{1, 1, 1};
+        a = in_mesh(f.a, center), b = in_mesh(f.b, center), c = in_mesh(f.c, center);
+    }
+    const auto meets = [](real by, real x, real y, real z) {
+        return smaller(smaller(x, y), z) <= by && larger(larger(x, y), z) >= -by;
+    };
+    return meets(half.x, a.x, b.x, c.x) && meets(half.y, a.y, b.y, c.y) && meets(half.z, a.z, b.z, c.z);
 }
 #endif
 
 // Whether a touch remains one beside the hits, see `remains`.
 template <class Hits>
 FN bool remains_on_mesh(const Search& s, const Hits* found, const Touch& hit, real& order) {
-    if (s.kind == BALL_PART)  // the centre is outside, as else there is one touch
-        return hit.dist < s.reach && hit.dist >= -s.radius && is_above_planes(s, found, hit.pos);
-    if (s.kind == CORNER_PART) return is_above_planes(s, found, hit.pos);
-    if (s.kind == AXIS_PART) return is_apart(s, found, hit.pos);
+    if (s.kind == BALL_PART && !(hit.dist < s.reach && hit.dist >= -s.radius)) return false;  // the centre is outside, as else there is one touch
+    const bool is_point = s.kind == BALL_PART || s.kind == CORNER_PART;
     // The deepest touch of a box, then those that are far from the others: on a flat floor all are equally deep, and four
     // hold the box if they are far apart.
     real apart = (real)1e12;
+#pragma unroll 1
     for (int k = 0; k < s.count; k++) {
-        Vec d = hit.pos - found[s.hit[k]].touch.pos;
-        apart = smaller(apart, dot(d, d));
+        const Touch& other = found[s.hit[k]].touch;
+        const Vec d = hit.pos - other.pos;
+        const real square = dot(d, d);
+        if (is_point ? dot(d, other.normal) <= (real)1e-4 : square < (real)1e-6) return false;
+        apart = smaller(apart, square);
     }
-    order = hit.dist - (real)0.02 * SQRT(apart);
-    return apart >= (real)1e-6;
+    if (s.kind == BOX_PART) order = hit.dist - (real)0.02 * SQRT(apart);
+    return true;
 }
 
 // Prepare the search for touches of a part of a geom that is `at` a point, see `place`. Returns whether faces or edges are near.

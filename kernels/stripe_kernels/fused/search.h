@@ -117,10 +117,18 @@ struct Search {
     unsigned outside;         // order of the nearest face that a ball's centre is in front of and that it does not touch
     unsigned long long best;  // order and number of the best candidate
 #else
-    real outside, order;
-    int best;
+    union {
+        struct {
+            real outside, order;
+            int best;
+        };
+        Vec pos;              // where the geom is in the world, if the lanes of a warp search together
+    };
 #endif
 };
+
+// Whether a searched pair is one with meshes.
+FN bool is_mesh_pair(int p) { return HAS_MESHES && (!HAS_FIELDS || contact_kind(p) >= MESH_SPHERE); }
 
 // A touch that was found, of one of the searches; its order is that before there are hits.
 struct Found {

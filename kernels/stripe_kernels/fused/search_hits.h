@@ -10,7 +10,7 @@ FN bool remains(const Search& s, const Hits* found, const Touch& hit, real& orde
     if (s.ended) return false;
     if (!s.count) return true;
 #if HAS_MESHES
-    if (contact_kind(s.pair) >= MESH_SPHERE) return remains_on_mesh(s, found, hit, order);
+    if (is_mesh_pair(s.pair)) return remains_on_mesh(s, found, hit, order);
 #endif
     return s.kind == BALL_PART ? is_above_planes(s, found, hit.pos) : is_apart(s, found, hit.pos);
 }
@@ -18,7 +18,7 @@ FN bool remains(const Search& s, const Hits* found, const Touch& hit, real& orde
 // Make a touch the next hit.
 FN void accept(Search& s, int number, const Touch& hit) {
 #if HAS_MESHES
-    if (contact_kind(s.pair) >= MESH_SPHERE) {
+    if (is_mesh_pair(s.pair)) {
         if (s.kind == BALL_PART) s.inside = hit.dist < -s.radius;
         if (hit.dist >= s.reach) {  // it only told that the centre is outside
             s.ended = true;

@@ -30,7 +30,7 @@ FN bool touch(const World& w, const Sources& from, const Search& s, int candidat
 #if HAS_MESHES
     if (contact_kind(s.pair) >= MESH_SPHERE) {
         const Mesh& mesh = from.meshes[contact_mesh(s.pair)];
-        return mesh_touch(s, mesh, candidate, [&] { return box_of(w, from, s.pair); }, true, hit, order);
+        return mesh_touch(s, mesh, thing_of(s, mesh, candidate), [&] { return box_of(w, from, s.pair); }, true, hit, order);
     }
     hit.geom = -1;
 #endif
