@@ -16,6 +16,7 @@ from stripe_kernels.ppo import BLOCK, gather_inputs
 
 from .flat_adam import as_array
 from .layer_kernels import layer_kernels
+from .picture_layers import picture_latent
 
 __all__ = [
     "EluPass",
@@ -41,7 +42,7 @@ def _latent(model: MLPModel, obs: TensorDict) -> torch.Tensor:
     """``model.get_latent(obs)``, which copies also a single group."""
     if type(model).get_latent is MLPModel.get_latent and len(model.obs_groups) == 1:
         return model.obs_normalizer(obs[model.obs_groups[0]])
-    return model.get_latent(obs)
+    return picture_latent(model, obs)
 
 
 class NetworkPass(ABC):
@@ -107,7 +108,7 @@ class TorchPass(NetworkPass):
         obs = TensorDict({group: stored[group][indices] for group in groups}, batch_size=[len(indices)])
         # torch's cache of weights in bfloat16 must be off where a graph is recorded.
         with torch.enable_grad(), torch.autocast(indices.device.type, torch.bfloat16, self._bf16, cache_enabled=False):
-            self._output = model.mlp(model.get_latent(obs)).float()
+            self._output = model.mlp(picture_latent(model, obs)).float()
         return self._output.detach()
 
     def backward(self, gradient: torch.Tensor) -> None:

@@ -17,6 +17,7 @@ from stripe_kernels.rollout import BLOCK, estimate_advantages
 
 from .flat_adam import FlatAdam, as_array
 from .network_pass import EluPass, NetworkPass, network_output, network_pass
+from .picture_layers import picture_latent
 from .ppo_gradient import PpoGradient
 from .program import Program
 from .side_by_side import SideBySide
@@ -243,7 +244,7 @@ class GraphPPO(PPO):
         # torch's cache of weights in bfloat16 must be off where a graph is recorded.
         with torch.autocast(kind, dtype=torch.bfloat16, enabled=self.use_mixed_precision, cache_enabled=False):
             actor = self.actor
-            actor.distribution.update(actor.mlp(actor.get_latent(batch.observations)))
+            actor.distribution.update(actor.mlp(picture_latent(actor, batch.observations)))
             # rsl_rl draws actions here and does not use them. Drawing them keeps the random numbers that follow equal.
             torch.empty_like(actor.output_mean).normal_()
             log_prob = actor.get_output_log_prob(batch.actions)
