@@ -29,12 +29,12 @@ def rsl_rl_settings(cfg: RslRlBaseRunnerCfg) -> dict[str, object]:
     algorithm = settings["algorithm"]
     if not isinstance(algorithm, dict):
         return settings
-    own = {"PPO": GraphPPO, "Distillation": BatchedDistillation} if cfg.runner == "graph" else {}
+    own: dict[str, type] = {"PPO": GraphPPO, "Distillation": BatchedDistillation} if cfg.runner == "graph" else {}
     # rsl_rl's PPO does not take this bound, and has the default's.
     if algorithm.get("max_learning_rate") == RslRlPpoAlgorithmCfg().max_learning_rate:
         del algorithm["max_learning_rate"]
     elif "max_learning_rate" in algorithm and cfg.runner != "graph":
-        own = {"PPO": BoundedRatePPO}
+        own["PPO"] = BoundedRatePPO
     kind = own.get(algorithm["class_name"])
     if kind is not None:
         algorithm["class_name"] = f"{kind.__module__}:{kind.__qualname__}"

@@ -12,12 +12,17 @@ import os
 from typing import NamedTuple
 
 import torch
+import warp as wp
 from rsl_rl.models import CNNModel, MLPModel
 from tensordict import TensorDict
 from torch import nn
 from torch.nn import functional
 
-__all__ = ["PLAIN", "PictureForm", "convolve", "fast_form", "picture_latent"]
+from stripe_kernels.pictures import BLOCK, gather_blocks
+
+from .flat_adam import as_array
+
+__all__ = ["PLAIN", "PictureForm", "convolve", "convolve_rows", "fast_form", "picture_latent", "sampled_latent"]
 
 
 class PictureForm(NamedTuple):
@@ -52,6 +57,28 @@ def picture_latent(model: MLPModel, obs: TensorDict) -> torch.Tensor:
     return torch.cat([*numbers, *latents], dim=-1)
 
 
+def sampled_latent(model: MLPModel, stored: TensorDict, indices: torch.Tensor, bf16: bool) -> torch.Tensor:
+    """``picture_latent(model, stored[indices])``.
+
+    Args:
+        model: A network.
+        stored: Observations, ``(n,)``.
+        indices: Rows of them, int64, ``(samples,)``.
+        bf16: Whether convolutions run in bfloat16.
+    """
+    # rsl_rl keeps pictures apart: they are in none of the groups that other networks have.
+    pictures = getattr(model, "obs_groups_2d", ())
+    obs = TensorDict({name: stored[name][indices] for name in model.obs_groups}, batch_size=[len(indices)])
+    form = fast_form(indices.device)
+    if not isinstance(model, CNNModel) or type(model).get_latent is not CNNModel.get_latent or form == PLAIN:
+        for name in pictures:
+            obs[name] = stored[name][indices]
+        return model.get_latent(obs)
+    latents = [convolve_rows(model.cnns[name], stored[name], indices, form, bf16) for name in pictures]
+    numbers = [MLPModel.get_latent(model, obs)] if model.obs_groups else []
+    return torch.cat([*numbers, *latents], dim=-1)
+
+
 def convolve(cnn: nn.Sequential, pictures: torch.Tensor, form: PictureForm) -> torch.Tensor:
     """``cnn(pictures)`` in a form.
 
@@ -60,14 +87,48 @@ def convolve(cnn: nn.Sequential, pictures: torch.Tensor, form: PictureForm) -> t
         pictures: Shape ``(samples, channels, height, width)``; no gradient is computed for them.
         form: The form.
     """
-    first, *others = cnn
+    first = cnn[0]
     if form.blocks and _goes_over_blocks(first, pictures):
-        assert isinstance(first, nn.Conv2d)
-        edge = first.stride[0]
-        x = _in_blocks(pictures, edge, form.channels_last)
-        x = functional.conv2d(x, functional.pixel_unshuffle(first.weight, edge), first.bias)
-    else:
-        x = first(pictures.contiguous(memory_format=torch.channels_last) if form.channels_last else pictures)
+        return _convolve_blocks(cnn, _in_blocks(pictures, first.stride[0], form.channels_last))
+    x = first(pictures.contiguous(memory_format=torch.channels_last) if form.channels_last else pictures)
+    return _other_layers(cnn, x)
+
+
+def convolve_rows(
+    cnn: nn.Sequential, stored: torch.Tensor, indices: torch.Tensor, form: PictureForm, bf16: bool
+) -> torch.Tensor:
+    """``cnn(stored[indices])`` in a form. Pictures are read once, and not copied before they are blocks.
+
+    Args:
+        cnn: Layers, convolutions first.
+        stored: Pictures, ``(n, channels, height, width)``; no gradient is computed for them.
+        indices: Rows of them, int64, ``(samples,)``.
+        form: The form.
+        bf16: Whether convolutions run in bfloat16.
+    """
+    over_blocks = form.blocks and form.channels_last and _goes_over_blocks(cnn[0], stored)
+    if not over_blocks or stored.dtype != torch.float32 or not stored.is_contiguous():
+        return convolve(cnn, stored[indices], form)
+    (_, channels, height, width), edge, count = stored.shape, cnn[0].stride[0], len(indices)
+    shape = count, height // edge, width // edge, channels * edge * edge
+    blocks = torch.empty(shape, dtype=torch.bfloat16 if bf16 else torch.float32, device=stored.device)
+    rows, target = as_array(indices), as_array(blocks.view(count, -1))
+    inputs = [rows, as_array(stored.flatten(1)), channels, height, width, edge, target]
+    dim = (count, channels * height * width // edge)
+    wp.launch(gather_blocks, dim=dim, inputs=inputs, device=rows.device, block_dim=BLOCK)
+    return _convolve_blocks(cnn, blocks.permute(0, 3, 1, 2))
+
+
+def _convolve_blocks(cnn: nn.Sequential, blocks: torch.Tensor) -> torch.Tensor:
+    """The layers, of which the first takes blocks of pixels, ``(samples, channels * edge * edge, rows, columns)``."""
+    first = cnn[0]
+    x = functional.conv2d(blocks, functional.pixel_unshuffle(first.weight, first.stride[0]), first.bias)
+    return _other_layers(cnn, x)
+
+
+def _other_layers(cnn: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
+    """All layers but the first."""
+    _, *others = cnn  # a slice would be a new CNN
     for layer in others:
         # In place: what an ELU returns is enough for its gradient, and the convolution before it needs no result.
         x = functional.elu_(x, layer.alpha) if type(layer) is nn.ELU else layer(x)

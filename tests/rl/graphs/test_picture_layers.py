@@ -5,14 +5,19 @@ from __future__ import annotations
 
 import pytest
 import torch
+import warp as wp
 from rsl_rl.models import CNNModel
 from tensordict import TensorDict
 
+from stripe_kernels.pictures import gather_blocks
 from stripe_newton.rl.graphs import picture_layers
+from stripe_newton.rl.graphs.flat_adam import as_array
 from stripe_newton.rl.graphs.network_pass import network_output, network_pass
-from stripe_newton.rl.graphs.picture_layers import PLAIN, PictureForm, convolve, fast_form
+from stripe_newton.rl.graphs.picture_layers import PLAIN, PictureForm, convolve, convolve_rows, fast_form
 
 FORMS = [PictureForm(blocks, last) for blocks in (False, True) for last in (False, True)]
+wp.init()  # GraphPPO has done it
+
 NATURE = {"output_channels": (8, 16, 16), "kernel_size": (8, 4, 3), "stride": (4, 2, 1)}
 
 
@@ -44,6 +49,34 @@ def test_forms_give_the_numbers_and_gradients_of_the_modules(form, cnn):
     torch.testing.assert_close(ours, theirs, rtol=1.0e-4, atol=1.0e-5)
     for parameter, value in zip(layers.parameters(), their_gradients, strict=True):
         torch.testing.assert_close(parameter.grad, value, rtol=1.0e-4, atol=2.0e-5)
+
+
+@pytest.mark.parametrize("bf16", [False, True])
+def test_rows_are_gathered_as_blocks(bf16):
+    torch.manual_seed(4)
+    model, _ = network(["right"], NATURE)
+    layers, rows = model.cnns["right"], torch.tensor([5, 0, 5, 8])
+    stored = torch.rand(9, 1, 48, 40)
+    form = PictureForm(blocks=True, channels_last=True)
+    with torch.autocast("cpu", torch.bfloat16, bf16):
+        ours, theirs = convolve_rows(layers, stored, rows, form, bf16), layers(stored[rows])
+    near = {"rtol": 2.0e-2, "atol": 2.0e-2} if bf16 else {"rtol": 1.0e-4, "atol": 1.0e-5}
+    torch.testing.assert_close(ours, theirs, **near)
+    # Of steps of a rollout that are not next to each other in memory.
+    apart = torch.rand(9, 2, 1, 48, 40)[:, 1]
+    torch.testing.assert_close(
+        convolve_rows(layers, apart, rows, form, False), layers(apart[rows]), rtol=1e-4, atol=1e-5
+    )
+
+
+def test_blocks_are_those_of_pixel_unshuffle():
+    torch.manual_seed(5)
+    stored, rows = torch.randn(6, 3, 12, 20), torch.tensor([4, 1, 1])
+    out = torch.zeros(3, 3 * 12 * 20)
+    inputs = [as_array(t) for t in (rows, stored.flatten(1))]
+    wp.launch(gather_blocks, dim=(3, 3 * 12 * 20 // 4), inputs=[*inputs, 3, 12, 20, 4, as_array(out)], device="cpu")
+    theirs = torch.nn.functional.pixel_unshuffle(stored[rows], 4)
+    assert torch.equal(out.view(3, 3, 5, 48).permute(0, 3, 1, 2), theirs)
 
 
 def test_a_size_that_the_stride_does_not_divide_keeps_the_module():
