@@ -8,7 +8,8 @@ from collections.abc import Iterator, Mapping
 from rsl_rl.utils import resolve_callable
 
 from .batched_distillation import BatchedDistillation
-from .configs import RslRlBaseRunnerCfg, RslRlOnPolicyRunnerCfg
+from .bounded_rate_ppo import BoundedRatePPO
+from .configs import RslRlBaseRunnerCfg, RslRlOnPolicyRunnerCfg, RslRlPpoAlgorithmCfg
 from .configs.model_cfg import RslRlRNNModelCfg
 from .graphs.ppo import GraphPPO
 from .graphs.rollout import why_no_rollout_graph
@@ -26,10 +27,17 @@ def rsl_rl_settings(cfg: RslRlBaseRunnerCfg) -> dict[str, object]:
     """The dict for rsl_rl's runner, with this package's algorithms in place of rsl_rl's if the config wants graphs."""
     settings = cfg.to_rsl_rl()
     algorithm = settings["algorithm"]
-    if cfg.runner == "graph" and isinstance(algorithm, dict):
-        own = {"PPO": GraphPPO, "Distillation": BatchedDistillation}.get(algorithm["class_name"])
-        if own is not None:
-            algorithm["class_name"] = f"{own.__module__}:{own.__qualname__}"
+    if not isinstance(algorithm, dict):
+        return settings
+    own: dict[str, type] = {"PPO": GraphPPO, "Distillation": BatchedDistillation} if cfg.runner == "graph" else {}
+    # rsl_rl's PPO does not take this bound, and has the default's.
+    if algorithm.get("max_learning_rate") == RslRlPpoAlgorithmCfg().max_learning_rate:
+        del algorithm["max_learning_rate"]
+    elif "max_learning_rate" in algorithm and cfg.runner != "graph":
+        own["PPO"] = BoundedRatePPO
+    kind = own.get(algorithm["class_name"])
+    if kind is not None:
+        algorithm["class_name"] = f"{kind.__module__}:{kind.__qualname__}"
     return settings
 
 

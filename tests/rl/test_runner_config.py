@@ -46,6 +46,15 @@ def test_all_problems_of_a_config_at_once():
     }
 
 
+def test_an_adaptive_rate_begins_within_its_bound():
+    agent = RslRlOnPolicyRunnerCfg()
+    agent.algorithm.learning_rate, agent.algorithm.max_learning_rate = 5.0e-3, 1.0e-3
+    with pytest.raises(ConfigError, match=r"learning_rate: is 0\.005, above max_learning_rate, 0\.001"):
+        agent.validate()
+    agent.algorithm.schedule = "fixed"
+    agent.validate()
+
+
 def test_problems_beside_an_environment():
     agent = FakeCartRunnerCfg(num_steps_per_env=1)
     agent.obs_groups = {"actor": ["policy", "camera"], "critic": ["policy"]}

@@ -48,6 +48,15 @@ def test_observation_is_the_picture_less_its_mean(env):
     assert obs["policy"].std() > 0.02
 
 
+def test_the_critic_knows_what_a_picture_does_not_show(env):
+    env.reset(seed=0)
+    obs, *_ = env.step(torch.ones(N, 1))
+    data, cart, pole = env.robot.data, env._cart, env._pole
+    state = [data.joint_pos[:, pole], data.joint_vel[:, pole], data.joint_pos[:, cart], data.joint_vel[:, cart]]
+    torch.testing.assert_close(obs["critic"], torch.stack(state, dim=1))
+    assert obs["critic"][:, 3].abs().min() > 0.01
+
+
 def test_the_picture_shows_where_the_cart_is_and_how_the_pole_leans(env):
     env.reset(seed=0)
     centred = put(env, [0.0, 1.0, -1.0], [0.0, 0.0, 0.0])

@@ -113,6 +113,9 @@ class RslRlPpoAlgorithmCfg:
     """Schedule of the learning rate: ``"fixed"``, or ``"adaptive"``, which aims at ``desired_kl``."""
     desired_kl: PositiveFloat = 0.01
     """Kullback-Leibler divergence of an update that the adaptive schedule aims at."""
+    max_learning_rate: PositiveFloat = 1e-2
+    """Upper bound of the adaptive learning rate; the default is rsl_rl's. A policy that sees pictures wants less: at
+    first it hardly changes with its parameters, so the rate goes to its bound, where one step can ruin the policy."""
     normalize_advantage_per_mini_batch: bool = False
     """Whether advantages are normalised in each minibatch rather than over the whole iteration."""
     use_mixed_precision: bool = False
@@ -129,3 +132,5 @@ class RslRlPpoAlgorithmCfg:
     def problems(self) -> Problems:
         yield from one_of(self, "optimizer", OPTIMIZERS)
         yield from one_of(self, "schedule", ("adaptive", "fixed"))
+        if self.schedule == "adaptive" and self.learning_rate > self.max_learning_rate:
+            yield "learning_rate", f"is {self.learning_rate}, above max_learning_rate, {self.max_learning_rate}"

@@ -16,6 +16,7 @@ from stripe_kernels.ppo import BLOCK, gather_inputs
 
 from .flat_adam import as_array
 from .layer_kernels import layer_kernels
+from .picture_layers import picture_latent, sampled_latent
 
 __all__ = [
     "EluPass",
@@ -41,7 +42,7 @@ def _latent(model: MLPModel, obs: TensorDict) -> torch.Tensor:
     """``model.get_latent(obs)``, which copies also a single group."""
     if type(model).get_latent is MLPModel.get_latent and len(model.obs_groups) == 1:
         return model.obs_normalizer(obs[model.obs_groups[0]])
-    return model.get_latent(obs)
+    return picture_latent(model, obs)
 
 
 class NetworkPass(ABC):
@@ -102,12 +103,9 @@ class TorchPass(NetworkPass):
 
     def forward(self, stored: TensorDict, indices: torch.Tensor) -> torch.Tensor:
         model = self._model
-        # rsl_rl keeps images apart: they are in none of the groups that other networks have.
-        groups = [*model.obs_groups, *getattr(model, "obs_groups_2d", ())]
-        obs = TensorDict({group: stored[group][indices] for group in groups}, batch_size=[len(indices)])
         # torch's cache of weights in bfloat16 must be off where a graph is recorded.
         with torch.enable_grad(), torch.autocast(indices.device.type, torch.bfloat16, self._bf16, cache_enabled=False):
-            self._output = model.mlp(model.get_latent(obs)).float()
+            self._output = model.mlp(sampled_latent(model, stored, indices, self._bf16)).float()
         return self._output.detach()
 
     def backward(self, gradient: torch.Tensor) -> None:

@@ -17,14 +17,15 @@ from stripe_kernels.rollout import BLOCK, estimate_advantages
 
 from .flat_adam import FlatAdam, as_array
 from .network_pass import EluPass, NetworkPass, network_output, network_pass
+from .picture_layers import picture_latent
 from .ppo_gradient import PpoGradient
 from .program import Program
 from .side_by_side import SideBySide
 
 __all__ = ["GraphPPO", "update_normalizer_in_place"]
 
-_MIN_RATE, _MAX_RATE = 1.0e-5, 1.0e-2
-"""Bounds of the adaptive learning rate, rsl_rl's."""
+_MIN_RATE = 1.0e-5
+"""Lower bound of the adaptive learning rate, rsl_rl's."""
 _ADAMS = torch.optim.Adam, torch.optim.AdamW
 
 
@@ -44,9 +45,16 @@ class GraphPPO(PPO):
     _rate: torch.Tensor
 
     def __init__(
-        self, actor: MLPModel, critic: MLPModel, storage: RolloutStorage, *args: object, **kwargs: object
+        self,
+        actor: MLPModel,
+        critic: MLPModel,
+        storage: RolloutStorage,
+        *args: object,
+        max_learning_rate: float = 1.0e-2,
+        **kwargs: object,
     ) -> None:
-        """Take the arguments of rsl_rl's ``PPO``."""
+        """Take the arguments of rsl_rl's ``PPO``, and an upper bound of the adaptive learning rate."""
+        self._max_rate = max_learning_rate
         super().__init__(actor, critic, storage, *args, **kwargs)
         self._programs: dict[str, Program] = {}
         self._passes: tuple[NetworkPass, ...] = ()
@@ -67,7 +75,7 @@ class GraphPPO(PPO):
         if "_rate" not in vars(self):  # rsl_rl's constructor is the first to set it
             # In float64 the repeated factors of the schedule round as rsl_rl's Python floats do.
             self._rate = torch.zeros((), dtype=torch.float64, device=self.device)
-        self._rate.fill_(value)
+        self._rate.fill_(min(value, self._max_rate) if self.schedule == "adaptive" else value)
 
     @property
     def rate(self) -> torch.Tensor:
@@ -122,7 +130,13 @@ class GraphPPO(PPO):
         if not self.why_no_update_graph:
             for group in self.optimizer.param_groups:
                 group["lr"] = self.learning_rate
-        return super().save()
+        saved = super().save()
+        if not self.why_no_update_graph:
+            # Here all parameters share one count of steps. Torch's Adam would count it up once for each of them.
+            optimizer = saved["optimizer_state_dict"]
+            states = {key: state | {"step": state["step"].clone()} for key, state in optimizer["state"].items()}
+            saved["optimizer_state_dict"] = optimizer | {"state": states}
+        return saved
 
     def load(self, loaded_dict: dict, load_cfg: dict | None, strict: bool) -> bool:
         """Load what :meth:`save` or rsl_rl's PPO saved. The graphs are recorded again."""
@@ -243,7 +257,7 @@ class GraphPPO(PPO):
         # torch's cache of weights in bfloat16 must be off where a graph is recorded.
         with torch.autocast(kind, dtype=torch.bfloat16, enabled=self.use_mixed_precision, cache_enabled=False):
             actor = self.actor
-            actor.distribution.update(actor.mlp(actor.get_latent(batch.observations)))
+            actor.distribution.update(actor.mlp(picture_latent(actor, batch.observations)))
             # rsl_rl draws actions here and does not use them. Drawing them keeps the random numbers that follow equal.
             torch.empty_like(actor.output_mean).normal_()
             log_prob = actor.get_output_log_prob(batch.actions)
@@ -308,7 +322,8 @@ class GraphPPO(PPO):
         """Adapt the learning rate to the KL divergence, clip the gradients, take a step of the optimiser."""
         if self.desired_kl is not None and self.schedule == "adaptive":
             kl, rate = as_array(self._kl.view(1)), as_array(self._rate.view(1))
-            wp.launch(adapt_rate, dim=1, inputs=[kl, self.desired_kl, _MIN_RATE, _MAX_RATE, rate], device=kl.device)
+            inputs = [kl, self.desired_kl, _MIN_RATE, self._max_rate, rate]
+            wp.launch(adapt_rate, dim=1, inputs=inputs, device=kl.device)
         self._adam.step()
 
     @torch.no_grad()

@@ -2,7 +2,8 @@
 """Cart-pole by camera: ``Stripe-Cartpole-Camera-Direct-v0``, which sees a picture of cart and pole and nothing else.
 
 It is the cart-pole of :mod:`stripe_tasks.cartpole.direct_warp` but for its observation, as in Isaac Lab's
-``Isaac-Cartpole-RGB-Camera-Direct-v0``.
+``Isaac-Cartpole-RGB-Camera-Direct-v0``. Unlike there, the critic knows angles, positions and rates: it has no
+convolutions, which are most of a training, and the rates are not in a picture.
 """
 
 from __future__ import annotations
@@ -11,11 +12,11 @@ from typing import Any, ClassVar
 
 from stripe_newton.configclass import configclass
 from stripe_newton.managers.image import Picture, image_writer
-from stripe_newton.rl import RslRlCNNModelCfg, RslRlPpoAlgorithmCfg
+from stripe_newton.rl import RslRlCNNModelCfg, RslRlMLPModelCfg, RslRlPpoAlgorithmCfg
 from stripe_newton.sensors import Camera, PinholeCameraCfg, TiledCameraCfg
 
 from .direct import CartpoleEnvCfg, CartpolePPORunnerCfg
-from .direct_warp import CartpoleWarpEnv
+from .direct_warp import CartpoleWarpEnv, compute_observations
 
 __all__ = ["CartpoleCameraEnv", "CartpoleCameraEnvCfg", "CartpoleCameraPPORunnerCfg"]
 
@@ -27,7 +28,7 @@ class CartpoleCameraEnvCfg(CartpoleEnvCfg):
     ``tiled_camera.width`` and ``tiled_camera.height`` set another size.
     """
 
-    FIXED_SPACES: ClassVar[tuple[str, ...]] = ("action_space",)
+    FIXED_SPACES: ClassVar[tuple[str, ...]] = ("action_space", "state_space")
 
     tiled_camera: TiledCameraCfg = TiledCameraCfg(
         prim_path="{ENV_REGEX_NS}/Camera",
@@ -42,6 +43,8 @@ class CartpoleCameraEnvCfg(CartpoleEnvCfg):
     """The camera, 5 m in front of the rail."""
     observation_space: list[int] = [3, 64, 64]  # type: ignore[assignment]  # a picture rather than numbers
     """Channels, height and width."""
+    state_space: int = 4
+    """Numbers of the critic: those of the cart-pole without a camera."""
 
     def __post_init__(self) -> None:
         self.observation_space = [3, self.tiled_camera.height, self.tiled_camera.width]
@@ -50,7 +53,8 @@ class CartpoleCameraEnvCfg(CartpoleEnvCfg):
 class CartpoleCameraEnv(CartpoleWarpEnv):
     """Balance a pole on a cart by its picture.
 
-    Observation: colours from 0 to 1 less their mean over the picture, shape ``(num_envs, 3, height, width)``.
+    Observation: colours from 0 to 1 less their mean over the picture, shape ``(num_envs, 3, height, width)``. The
+    critic's: pole angle [rad], its rate, cart position [m], its rate.
     """
 
     cfg: CartpoleCameraEnvCfg
@@ -68,6 +72,8 @@ class CartpoleCameraEnv(CartpoleWarpEnv):
 
     def _launch_observations(self) -> None:
         self._write_picture()
+        state = self.warp.observations["critic"]
+        self._launch(compute_observations, self.robot.data.struct, self._cart, self._pole, state)
 
 
 @configclass
@@ -77,13 +83,19 @@ class CartpoleCameraPPORunnerCfg(CartpolePPORunnerCfg):
     num_steps_per_env: int = 64
     max_iterations: int = 500
     experiment_name: str = "cartpole_camera_direct"
+    obs_groups: dict[str, list[str]] = {"actor": ["policy"], "critic": ["critic"]}
     actor: RslRlCNNModelCfg = RslRlCNNModelCfg(
         hidden_dims=(512,),
         cnn_cfg=RslRlCNNModelCfg.CNNCfg(output_channels=(32, 64, 64), kernel_size=(8, 4, 3), stride=(4, 2, 1)),
-        distribution_cfg=RslRlCNNModelCfg.GaussianDistributionCfg(init_std=1.0),
+        distribution_cfg=RslRlMLPModelCfg.GaussianDistributionCfg(init_std=1.0),
     )
-    critic: RslRlCNNModelCfg = RslRlCNNModelCfg(
-        hidden_dims=(512,),
-        cnn_cfg=RslRlCNNModelCfg.CNNCfg(output_channels=(32, 64, 64), kernel_size=(8, 4, 3), stride=(4, 2, 1)),
+    critic: RslRlMLPModelCfg = RslRlMLPModelCfg(hidden_dims=(64, 64), obs_normalization=True)
+    algorithm: RslRlPpoAlgorithmCfg = RslRlPpoAlgorithmCfg(
+        entropy_coef=0.005,
+        learning_rate=1.0e-4,
+        max_learning_rate=2.0e-3,
+        # As many steps of the optimiser in an iteration as in Isaac Lab.
+        num_mini_batches=16,
+        num_learning_epochs=4,
+        use_mixed_precision=True,
     )
-    algorithm: RslRlPpoAlgorithmCfg = RslRlPpoAlgorithmCfg(entropy_coef=0.005, learning_rate=1.0e-4)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from stripe_newton.configclass import configclass
 from stripe_newton.envs import mdp
 from stripe_newton.managers import EventTermCfg, ObservationGroupCfg, ObservationTermCfg, SceneEntityCfg
-from stripe_newton.rl import RslRlCNNModelCfg, RslRlMLPModelCfg
+from stripe_newton.rl import RslRlCNNModelCfg, RslRlMLPModelCfg, RslRlPpoAlgorithmCfg
 from stripe_newton.sensors import PinholeCameraCfg, TiledCameraCfg
 
 from .lift import GOAL, EventsCfg, LiftEnvCfg, LiftPPORunnerCfg, LiftSceneCfg
@@ -137,3 +137,4 @@ class LiftCameraPPORunnerCfg(LiftPPORunnerCfg):
         cnn_cfg=RslRlCNNModelCfg.CNNCfg(output_channels=(16, 32, 32), kernel_size=(8, 4, 3), stride=(4, 2, 1)),
         distribution_cfg=RslRlMLPModelCfg.GaussianDistributionCfg(init_std=1.0),
     )
+    algorithm: RslRlPpoAlgorithmCfg = LiftPPORunnerCfg().algorithm.replace(max_learning_rate=1.0e-3)

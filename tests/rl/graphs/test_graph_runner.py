@@ -121,6 +121,13 @@ def test_the_update_is_that_of_rsl_rl(changes):
     assert float(ours.logger.read_std()) == pytest.approx(logged, rel=2.0e-5)
 
 
+@pytest.mark.parametrize("runner", ["rsl_rl", "graph"])
+def test_an_adaptive_rate_stays_within_its_bound(runner):
+    # With so large a KL divergence as the aim the rate always rises. rsl_rl's own bound is 0.01.
+    made = on_the_fake(runner, algorithm=RslRlPpoAlgorithmCfg(desired_kl=10.0, max_learning_rate=2.0e-3))
+    assert made.alg.learning_rate == pytest.approx(2.0e-3, rel=1.0e-9)
+
+
 @pytest.mark.parametrize("clip", [None, 0.2])
 def test_training_is_that_of_rsl_rl(tmp_path, clip):
     theirs, ours = (
