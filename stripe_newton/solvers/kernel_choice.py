@@ -14,7 +14,7 @@ from .limb_form import LimbForm, why_no_limbs
 from .model_tables import ModelTables
 from .newton_layout import NewtonLayout
 from .pair_division import PairDivision
-from .step_kernel import KernelOptions
+from .step_kernel import KernelOptions, has_few_worlds
 
 __all__ = ["KernelChoice"]
 
@@ -63,6 +63,7 @@ class KernelChoice:
         opt: mujoco.MjOption = self.solver.mj_model.opt
         return KernelOptions(
             lanes=self._lanes(limbs),
+            few_worlds=limbs is not None and has_few_worlds(int(self.solver.mjw_data.nworld), self._lanes(limbs)),
             tolerance=float(self.solver.mjw_model.opt.tolerance.numpy()[0]),
             iterations=opt.iterations,
             ls_iterations=opt.ls_iterations,

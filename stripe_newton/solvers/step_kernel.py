@@ -6,7 +6,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 
@@ -23,7 +23,7 @@ from .step_body import PLACING, advance, find_world
 
 __all__ = [
     "BODY_SIZE", "CONTACTS", "NEWTON_IN", "NEWTON_MODEL", "NEWTON_OUT", "OUTPUTS", "READ", "STATE", "KernelOptions",
-    "StepKernel", "step_kernel",
+    "StepKernel", "has_few_worlds", "step_kernel",
 ]  # fmt: skip
 
 _SOURCES = (
@@ -106,6 +106,8 @@ _OF_CUDA = 1024
 _SM_REGISTERS = 65536
 _LIMB_THREADS, _LIMB_BLOCKS = 128, 2
 """Threads of a block in the form for a hub with limbs, and blocks for which a multiprocessor should have registers."""
+_MULTIPROCESSORS, _CACHE_BYTES = 132, 100 * 1024
+"""Multiprocessors of an H100, and of its memory for shared arrays what should be left as a cache [bytes]."""
 _TYPICAL_ROWS, _TYPICAL_CONTACTS = 28, 8
 """Constraint rows and contacts of a world that lie in its state at least: those of a robot on four feet."""
 
@@ -133,6 +135,8 @@ class KernelOptions:
     """Forces and geoms of contacts can be written."""
     per_step: frozenset[str] = frozenset()
     """Names of what each physics step may have to do, see :class:`.per_step.PerStep`."""
+    few_worlds: bool = False
+    """In the form for a hub with limbs a multiprocessor has one block at most, see :func:`has_few_worlds`."""
 
     @property
     def has_drives(self) -> bool:
@@ -167,6 +171,8 @@ class Layout:
     """Limbs in the form for a hub with limbs, 0 in the general form."""
     searches_size: int = 0
     """Numbers of four bytes in shared memory of what the lanes of a warp search together, in that form."""
+    padding: int = 0
+    """Numbers of four bytes in shared memory that are not used, so that there is no room for a second block."""
 
     @property
     def is_limbs(self) -> bool:
@@ -182,7 +188,8 @@ class Layout:
     def memory_size(self, lanes: int) -> int:
         """Numbers of four bytes in shared memory that a block has for its worlds, the tables and searches."""
         warps = self.worlds_per_block * lanes // _WARP
-        return self.worlds_per_block * self.world_size + self.tables_size // 4 + warps * self.searches_size
+        used = self.worlds_per_block * self.world_size + self.tables_size // 4 + warps * self.searches_size
+        return used + self.padding
 
     def block_size(self, lanes: int) -> int:
         """Shared memory that a block takes [bytes]."""
@@ -196,7 +203,8 @@ class Layout:
             size, worlds = tables.limbs.world_size, _LIMB_THREADS // options.lanes if options.lanes > 1 else 1
             searches = tables.limbs.searches_size(tables.pairs) if options.lanes > 1 else 0
             constants, limbs = tables.constants.shared_size, len(tables.limbs.limbs)
-            return cls(0, 0, size, 0, worlds, constants, options.lanes > 1, limbs, searches)
+            layout = cls(0, 0, size, 0, worlds, constants, options.lanes > 1, limbs, searches)
+            return replace(layout, padding=_padding(layout, options.lanes)) if options.few_worlds else layout
         if options.lanes == 1:
             return cls(*most, tables.world_size(*most, False), 0, 1, 0, False)
         registers, constants = options.in_registers(tables), tables.constants.shared_size
@@ -211,6 +219,21 @@ class Layout:
             return cls(rows, contacts, size, tables.spill_size(rows, contacts), worlds, constants, True)
         size = tables.world_size(*most, registers)
         return cls(*most, size, 0, 1, 0, False)
+
+
+def has_few_worlds(num_worlds: int, lanes: int) -> bool:
+    """Whether there is no more than a block for each multiprocessor, in the form for a hub with limbs."""
+    return lanes > 1 and num_worlds <= _MULTIPROCESSORS * (_LIMB_THREADS // lanes)
+
+
+def _padding(layout: Layout, lanes: int) -> int:
+    """Numbers by which blocks are made larger than half of the memory for shared arrays.
+
+    That is the same memory as the cache, where contacts of lanes are. CUDA divides it for as many blocks as there is
+    room for, also where there are fewer.
+    """
+    size = layout.block_size(lanes)
+    return max(0, (_SM_BYTES // 2 - size) // 4 + 4) if 2 * size > _SM_BYTES - _CACHE_BYTES else 0
 
 
 def _most_rows(tables: ModelTables, rows: int, contacts: int, budget: int, registers: bool) -> tuple[int, int]:

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import newton
 import numpy as np
 import pytest
 import warp as wp
 
-from stripe_newton.solvers import SolverFused, limb_form
+from stripe_newton.solvers import SolverFused, limb_form, step_kernel
 from stripe_newton.solvers.contact_pairs import contact_pairs
 from stripe_newton.solvers.launch_arguments import ConvertedState, StepCall
 from stripe_newton.solvers.limb_form import LimbForm, why_no_limbs
@@ -158,6 +160,18 @@ def test_worlds_with_parameters_of_their_own(ground, monkeypatch):
             getattr(data, name).assign(value)
         emulated(3)
         np.testing.assert_array_equal(data.qvel.numpy(), speeds)
+
+
+def test_few_worlds_leave_memory_to_the_cache():
+    """Large blocks of few worlds leave no room for a second one, which CUDA would keep memory for; small ones do."""
+    large = step_kernel.Layout(0, 0, 497, 0, 32, 1424, True, num_limbs=4, searches_size=1884)
+    small = dataclasses.replace(large, world_size=485, searches_size=0)
+    found = [dataclasses.replace(o, padding=step_kernel._padding(o, 4)).block_size(4) for o in (large, small)]
+    assert 2 * large.block_size(4) < 228 * 1024 < 2 * found[0]
+    assert found[0] < 128 * 1024
+    assert found[1] == small.block_size(4)
+    assert step_kernel.has_few_worlds(4096, 4)
+    assert not step_kernel.has_few_worlds(8192, 4)
 
 
 def test_geoms_that_come_near_in_a_launch():

@@ -2,9 +2,9 @@
 // Limb search: contacts of limbs on a GPU, where the lanes of a warp search for touches on height fields and meshes together.
 //
 // Robots differ in what is near them, and a warp takes as long as its busiest lane. So a lane only finds out which geoms of its
-// limb are near, and touches planes: of most robots nothing else is near. The other parts of those geoms are shared out over the
-// lanes of the warp, and then the triangles near the parts: first those are left out whose bounds are not in reach, as there may
-// be hundreds around a round table's foot. The touches of the others are listed, so that the rounds after the first look at them
+// limb are near, and touches planes: of most robots nothing else is near. The triangles near the other parts of those geoms are
+// shared out over the lanes of the warp: first those are left out whose bounds are not in reach, as there may be hundreds around a
+// round table's foot. The touches of the others are listed, so that the rounds after the first look at them
 // alone. A lane takes the hits of its limb in the order of their parts, so that neither their number nor their order depends on
 // the other lanes.
 //
