@@ -29,7 +29,7 @@ from stripe_newton.rl import read_metrics
 TASKS = (
     "Stripe-Velocity-Flat-Go2-v0:300",
     "Stripe-Velocity-Flat-Go1-v0:300",
-    "Stripe-Velocity-Flat-AnymalC-v0:300",
+    "Stripe-Velocity-Flat-AnymalC-v0:450",
     "Stripe-Velocity-Flat-G1-v0:1000",
     "Stripe-Reach-Panda-v0:500",
     "Stripe-Lift-Cube-Panda-v0:1500",

@@ -316,6 +316,7 @@ class AnymalCFlatPPORunnerCfg(VelocityPPORunnerCfg):
     """PPO for ANYmal C on a plane."""
 
     experiment_name: str = "velocity_flat_anymal_c"
+    max_iterations: int = 450
 
     def __post_init__(self) -> None:
         start_gently(self, 0.005)
