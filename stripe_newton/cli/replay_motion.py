@@ -56,6 +56,8 @@ class ReplayMotionArgs:
 def run(argv: list[str]) -> int:
     """Run the command."""
     args = tyro.cli(ReplayMotionArgs, args=argv, prog="stripe-newton replay-motion")
+    if not args.files:
+        raise UserError("replay-motion needs files: stripe-newton replay-motion FILE [FILE ...]")
     if not 0.0 < args.fps <= 240.0:
         raise UserError(f"--fps {args.fps:g}: must be above 0 and at most 240")
     viewer = args.viewer or ("viser" if importlib.util.find_spec("viser") else "video")
