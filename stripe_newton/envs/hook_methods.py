@@ -52,21 +52,13 @@ class HookMethods(RecordingEnv):
         """Set targets or forces, before the physics steps; see ``DirectRLEnvCfg.apply_action``."""
         raise NotImplementedError(f"{type(self).__name__} needs '_apply_action(self)'")
 
-    def _get_observations(self) -> Observations:
-        """Observations by group; ``"policy"`` is needed. Shapes ``(num_envs, *shape)``."""
-        raise NotImplementedError(f"{type(self).__name__} needs '_get_observations(self)' that returns a dict")
-
-    def _get_states(self) -> torch.Tensor | None:
-        """Observations of the critic, shape ``(num_envs, n)``; called where ``state_space`` is set."""
-        return None
+    def _get_dones(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Terminated and timed out, bool, shape ``(num_envs,)`` each."""
+        raise NotImplementedError(f"{type(self).__name__} needs '_get_dones(self)'")
 
     def _get_rewards(self) -> torch.Tensor:
         """Rewards, float, shape ``(num_envs,)``."""
         raise NotImplementedError(f"{type(self).__name__} needs '_get_rewards(self)'")
-
-    def _get_dones(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Terminated and timed out, bool, shape ``(num_envs,)`` each."""
-        raise NotImplementedError(f"{type(self).__name__} needs '_get_dones(self)'")
 
     def _reset_idx(self, env_ids: Sequence[int] | torch.Tensor | None) -> None:
         """Begin new episodes; a subclass calls this first, then writes its initial states.
@@ -93,6 +85,14 @@ class HookMethods(RecordingEnv):
         """
         if self._events is not None and self._events.interval(dt):
             self.sim.forward()
+
+    def _get_observations(self) -> Observations:
+        """Observations by group; ``"policy"`` is needed. Shapes ``(num_envs, *shape)``."""
+        raise NotImplementedError(f"{type(self).__name__} needs '_get_observations(self)' that returns a dict")
+
+    def _get_states(self) -> torch.Tensor | None:
+        """Observations of the critic, shape ``(num_envs, n)``; called where ``state_space`` is set."""
+        return None
 
     # -- Warp hooks: they launch kernels on the arrays of ``self.warp`` and do nothing else
 
