@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
@@ -25,7 +25,7 @@ __all__ = ["CompareArgs", "run"]
 class CompareArgs:
     """Compare runs: curves with confidence bands, a table, and the fields of the configs that differ."""
 
-    runs: tyro.conf.Positional[tuple[str, ...]]
+    runs: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="RUN ...")]]
     """Run folders, folders that contain runs, or NAME=PATH,PATH for a group of them."""
     out: Path = Path("compare")
     """Folder for compare.html and compare.png."""

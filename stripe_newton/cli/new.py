@@ -9,6 +9,7 @@ import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 
@@ -40,7 +41,7 @@ _FILES = {
 class NewArgs:
     """Make a package with a task that trains at once, and tests."""
 
-    name: tyro.conf.Positional[str]
+    name: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="NAME")]]
     """Name of the package, such as my_robot."""
     direct: bool = False
     """A task in the direct workflow, with torch hooks; this is the default."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -13,12 +13,15 @@ from .user_error import UserError, check_count
 
 __all__ = ["OPTIONS", "BenchArgs", "DemoArgs", "EvalArgs", "ExportArgs", "InspectArgs", "PlayArgs", "TrainArgs"]
 
+TaskName = Annotated[str, tyro.conf.arg(metavar="TASK")]
+"""A task, named so in the help."""
+
 
 @dataclass
 class TrainArgs:
     """Train a policy for a task; TASK --help also shows every field of its configuration."""
 
-    task: tyro.conf.Positional[str]
+    task: tyro.conf.Positional[TaskName]
     """The task, one of 'stripe-newton list'."""
     num_envs: tyro.conf.DisallowNone[int | None] = None
     """Number of environments; short for --env.scene.num-envs."""
@@ -62,7 +65,7 @@ class TrainArgs:
 class EvalArgs:
     """Measure a trained policy: mean return and length of a number of whole episodes, without exploration."""
 
-    task: tyro.conf.Positional[str]
+    task: tyro.conf.Positional[TaskName]
     """The task, one of 'stripe-newton list'."""
     checkpoint: str
     """A run folder, of which the newest checkpoint is taken, a checkpoint file, or an exported policy (.onnx)."""
@@ -84,7 +87,7 @@ class EvalArgs:
 class ExportArgs:
     """Write a policy as ONNX and TorchScript, with what a robot has to know, and check both against it."""
 
-    target: tyro.conf.Positional[str]
+    target: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="RUN")]]
     """A run folder, of which the newest checkpoint is taken, or a checkpoint file."""
     out: tyro.conf.DisallowNone[Path | None] = None
     """Folder for the files; by default the run's 'exported', or the checkpoint's own folder."""
@@ -100,7 +103,7 @@ class ExportArgs:
 class PlayArgs:
     """Watch a policy act, in a browser or as a video."""
 
-    task: tyro.conf.Positional[str]
+    task: tyro.conf.Positional[TaskName]
     """The task, one of 'stripe-newton list'."""
     checkpoint: tyro.conf.DisallowNone[str | None] = None
     """A run folder, of which the newest checkpoint is taken, a checkpoint file, or an exported policy (.onnx)."""
@@ -136,7 +139,7 @@ class PlayArgs:
 class DemoArgs:
     """Watch a trained policy that comes with its task, in a browser; on the CPU unless --device says otherwise."""
 
-    task: tyro.conf.Positional[tyro.conf.DisallowNone[str | None]] = None
+    task: tyro.conf.Positional[Annotated[tyro.conf.DisallowNone[str | None], tyro.conf.arg(metavar="[TASK]")]] = None
     """A task with a policy; by default a quadruped on flat ground."""
     viewer: Literal["viser", "none"] = "viser"
     """A live view in the browser, or only numbers."""
@@ -160,7 +163,7 @@ class DemoArgs:
 class BenchArgs:
     """Measure a task: the whole step and the physics alone under the same random actions, CUDA calls, start-up."""
 
-    task: tyro.conf.Positional[str]
+    task: tyro.conf.Positional[TaskName]
     """The task, one of 'stripe-newton list'."""
     num_envs: tyro.conf.DisallowNone[int | None] = None
     """Number of environments; by default those of the training."""
@@ -179,7 +182,7 @@ class InspectArgs:
     """Show what is in a USD, URDF or MJCF file, or in one environment of a task: tables and a picture. A task takes
     options for the fields of its config, such as --env.scene.scenery room.usd."""
 
-    target: tyro.conf.Positional[str]
+    target: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="TASK_OR_FILE")]]
     """A USD, URDF or MJCF file, or a task of 'stripe-newton list'."""
     out: Path = Path(".")
     """Folder that the picture is written to."""

@@ -7,7 +7,7 @@ import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -27,7 +27,7 @@ __all__ = ["ReplayMotionArgs", "run"]
 class ReplayMotionArgs:
     """Show recorded motions on their robot, frame by frame."""
 
-    files: tyro.conf.Positional[list[str]]
+    files: tyro.conf.Positional[Annotated[list[str], tyro.conf.arg(metavar="FILE ...")]]
     """CSV or NPZ files, folders of them, or patterns; they are shown one after the other."""
     robot: str = "g1"
     """The robot: a name of the table of robots, or its file."""
@@ -56,6 +56,8 @@ class ReplayMotionArgs:
 def run(argv: list[str]) -> int:
     """Run the command."""
     args = tyro.cli(ReplayMotionArgs, args=argv, prog="stripe-newton replay-motion")
+    if not args.files:
+        raise UserError("replay-motion needs files: stripe-newton replay-motion FILE [FILE ...]")
     if not 0.0 < args.fps <= 240.0:
         raise UserError(f"--fps {args.fps:g}: must be above 0 and at most 240")
     viewer = args.viewer or ("viser" if importlib.util.find_spec("viser") else "video")

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -24,7 +24,7 @@ __all__ = ["ReportArgs", "run"]
 class ReportArgs:
     """Write the report of runs: curves, times, films, and the settings that differ from the task's default."""
 
-    runs: tyro.conf.Positional[tuple[str, ...]]
+    runs: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="RUN ...")]]
     """Run folders, or folders that contain runs."""
     out: Path | None = None
     """The HTML file; by default report.html, in the folder of a single run, else in the current folder."""

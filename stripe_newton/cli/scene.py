@@ -10,7 +10,7 @@ import inspect
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -35,7 +35,7 @@ _OPTIONS = ("size", "density", "count")
 class SceneArgs:
     """The scene to make."""
 
-    spec: tyro.conf.Positional[str]
+    spec: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="SPEC")]]
     """A registered scene, or module:Class of a SceneSpec."""
     seed: int = 0
     """The same seed gives the same scene."""

@@ -12,8 +12,10 @@ episode log         last observations, curriculum and log of episodes that end, 
 reset               of these environments: default state, reset events, states of terms
 events, objects     interval and step events; spawned objects
 forward kinematics  bodies of new episodes follow their joints, if anything reads them before the next physics step
-commands, sensors,  of new episodes where they began: they read the bodies
-observations
+commands            goals of new episodes, and those that are due
+log                 values of the curriculum, and the log of the step
+sensors             those that observations read, in the state of new episodes
+observations        of new episodes where they began
 =================== ==============================================================================================
 """
 

@@ -69,24 +69,21 @@ def step_outcome_reset(parameters: wp.array[float], tilt: wp.array[float], rewar
     if tilt[env] > 1.0:
         reset(env, tilt)
 
-Modules, in the order in which to read them, each with an example:
+Modules, in the order in which to read them, most of them with an example:
 
-================================================  ================================================================
-``source``, ``scope``, ``parameters``             text that knows which names it uses; the names; numbers that change
-``term_call``, ``binding``                        the call of a term, and how its arguments are found; then
-                                                  ``term_binding``, ``structs``, ``term_arrays``, ``scene_entity`` and
-                                                  ``term_checks``
-``section``, ``stage``, ``host_function``         what a step is made of
-``thread_layout``, ``prefetch``,                  source code of a kernel
-``kernel_source``
-``fused_kernel``, ``single_thread``               the compiled kernel
-``segments``, ``graph_block``,                    a step as kernels and graphs
-``segment_launcher``
-``plan``, ``plan_table``                          runs and describes a step
-``usage``, ``outside_names``, ``field_use``       what the functions of terms read and write
-``function_check``, ``episode_log``,              errors in a function; values summed on the device; types of Warp
-``warp_types``
-================================================  ================================================================
+============================================================ =====================================================
+``source``, ``scope``, ``parameters``                        text and its names, numbers that may change
+``term_call``, ``binding``, ``term_binding``                 the call of a term, and how its arguments are found:
+``structs``, ``term_arrays``, ``scene_entity``               by type, by name, in the scene
+``term_checks``, ``function_check``                          problems of a term, and errors in its function
+``section``, ``stage``, ``host_function``                    what a step is made of
+``thread_layout``, ``prefetch``, ``kernel_source``           source code of a kernel
+``fused_kernel``, ``single_thread``                          the compiled kernel
+``segments``, ``graph_block``, ``segment_launcher``          a step as kernels and graphs
+``plan``, ``plan_table``                                     runs and describes a step
+``usage``, ``outside_names``, ``field_use``                  what functions of terms read and write
+``episode_log``, ``warp_types``                              values that are summed on the device; types of Warp
+============================================================ =====================================================
 """
 
 import warnings

@@ -1,5 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Binding: finds the arguments of a term in its config and makes its call in generated source code."""
+"""Binding: finds the arguments of a term in its config and makes its call in generated source code.
+
+Each argument is found by its name or its type. Whatever is wrong becomes a problem with the path of the config:
+
+>>> from types import SimpleNamespace
+>>> import warp as wp
+>>> from stripe_newton.fusion import Parameters, Scope, StructRegistry, bind_term
+>>> @wp.struct
+... class Cart:
+...     velocity: wp.array[float]
+>>> @wp.func
+... def too_fast(env: int, cart: Cart, limit: float) -> float:
+...     return wp.max(wp.abs(cart.velocity[env]) - limit, 0.0)
+>>> scope = Scope()
+>>> context = SimpleNamespace(scope=scope, parameters=Parameters(scope, "cpu"), structs=StructRegistry(), problems=[])
+>>> context.structs.provide(Cart(), "cart")
+>>> bind_term(context, too_fast, {"limit": 2.0}, "rewards.too_fast", "reward").expression().text
+'too_fast(env, cart, parameters[0])'
+>>> bind_term(context, too_fast, {"limt": 2.0}, "rewards.too_fast", "reward")
+>>> print(*context.problems, sep="\\n")
+rewards.too_fast.params.limit: is missing, 'too_fast' needs it
+rewards.too_fast.params.limt: 'too_fast' has no such argument; did you mean 'limit'?
+"""
 
 from __future__ import annotations
 

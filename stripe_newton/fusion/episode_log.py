@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Episode log: values that kernels sum on the device and that a step returns."""
+"""Episode log: values that kernels sum on the device and that a step returns.
+
+>>> from stripe_newton.fusion import EpisodeLog, Scope
+>>> log = EpisodeLog(Scope(), "cpu")
+>>> log.line("Episode_Reward/alive", "sums[env, 0]").text
+'log_add(log_sums, log_counts, 0, sums[env, 0])'
+"""
 
 from __future__ import annotations
 

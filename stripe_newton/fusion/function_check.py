@@ -1,5 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Function check: errors in a Warp function, found by translating it alone, before any kernel is compiled."""
+"""Function check: errors in a Warp function, found by translating it alone, before any kernel is compiled.
+
+>>> import warp as wp
+>>> from stripe_newton.fusion import function_problem
+>>> @wp.func
+... def doubled(x: float) -> float:
+...     return 2 * x
+>>> function_problem(doubled)
+"...: Input types must be the same, got ['int32', 'float32']. an int meets a float; write 1.0 for 1, ..."
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters: numbers of terms, such as weights and bounds, in arrays that kernels read."""
+"""Parameters: numbers of terms, such as weights and bounds, in arrays that kernels read.
+
+>>> import warp as wp
+>>> from stripe_newton.fusion import Parameters, Scope
+>>> parameters = Parameters(Scope(), "cpu")
+>>> parameters.add("rewards.alive.weight", 2.0, float).text
+'parameters[0]'
+>>> parameters.add("rewards.reach.goal", (0.5, 0.0, 0.3), wp.vec3).text
+'wp.vec3(parameters[1], parameters[2], parameters[3])'
+>>> parameters["rewards.alive.weight"] = 3.0
+>>> parameters["rewards.alive.weight"]
+3.0
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scope: names of arrays, structs and functions in the generated kernels of one environment."""
+"""Scope: names of arrays, structs and functions in the generated kernels of one environment.
+
+>>> import warp as wp
+>>> from stripe_newton.fusion import Scope
+>>> @wp.func
+... def cube(x: float) -> float:
+...     return x * x * x
+>>> scope = Scope()
+>>> force = scope.name("force", wp.zeros(2, dtype=float, device="cpu"))
+>>> other = scope.name("force", wp.zeros(2, dtype=float, device="cpu"))
+>>> force.text, other.text, scope.call(cube, force).text
+('force', 'force_2', 'cube(force)')
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Single thread: a generated kernel that one thread runs for all environments."""
+"""Single thread: a generated kernel that one thread runs for all environments.
+
+The curriculum uses it, for parameters that all environments share. ``env`` is 0 in it:
+
+>>> import warp as wp
+>>> from stripe_newton.fusion import Scope, code, single_thread
+>>> scope = Scope()
+>>> level = scope.name("level", wp.zeros(1, dtype=float, device="cpu"))
+>>> single_thread(scope, "cpu", "curriculum", [code("{}[0] += 1.0", level)]).name
+'curriculum'
+"""
 
 from __future__ import annotations
 

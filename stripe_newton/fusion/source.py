@@ -3,6 +3,12 @@
 
 A manager writes a line with :func:`code`, whose placeholders take other pieces. The names in those pieces are passed on
 with the text. So the arguments of a kernel are known without parsing its source code.
+
+>>> from stripe_newton.fusion import Code, code
+>>> torque = Code("torque", frozenset({"torque"}))
+>>> line = code("{total}[env] += {}[env, {}]", torque, 2, total=Code("total", frozenset({"total"})))
+>>> line.text, sorted(line.uses)
+('total[env] += torque[env, 2]', ['torque', 'total'])
 """
 
 from __future__ import annotations

@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Term call: a Warp function with the source code of its arguments."""
+"""Term call: a Warp function with the source code of its arguments.
+
+>>> from stripe_newton.fusion import Code, TermCall
+>>> call = TermCall(Code("joint_pos"), {"env": Code("env"), "robot": Code("robot"), "out": OUT})
+>>> call.expression(out=Code("obs_policy[env]"), sliced=["out"], span="0:12").text
+'joint_pos(env, robot, obs_policy[env][0:12])'
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Action source: source code of an action term, which processes its actions and sets targets."""
+"""Action source: source code of an action term, which processes its actions and sets targets.
+
+The lines of an effort on one joint, in the thread of the action's number ``part``::
+
+    if part >= 0 and part < 1:
+        process_action(env, actions.action[env, part:part + 1], ..., joint_effort_commands[env, part:part + 1])
+        apply_joint_effort(env, joint_effort_commands[env, part:part + 1], robot, joint_ids[part:part + 1])
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Event source: source code of event terms, with the clocks and step counts that decide when they are due."""
+"""Event source: source code of event terms, with the clocks and step counts that decide when they are due.
+
+The section of interval events with a push::
+
+    if interval_is_due(env, rng, events_push_robot_clock, wp.vec2(parameters[41], parameters[42]), episode.step_dt):
+        push_by_setting_velocity(env, robot, rng, events_push_robot_velocity_range)
+        moved[env] = True
+"""
 
 from __future__ import annotations
 

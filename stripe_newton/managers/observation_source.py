@@ -2,6 +2,14 @@
 """Observation source: source code of an observation term, from its call to the memory of its group.
 
 Each number passes modifiers, noise, clip, scale, delay and history, in this order.
+
+A term with uniform noise, the first of its group, becomes part 0 of a section, which a thread of its own computes::
+
+    if part == 0:
+        base_lin_vel(env, robot, obs_policy[env, 0 + 0:0 + 3])
+        for i in range(0, 3):
+            obs_policy[env, i] = combine_noise(
+                obs_policy[env, i], sample_uniform(env, base_lin_vel_rng, parameters[43], parameters[44]), 0)
 """
 
 from __future__ import annotations

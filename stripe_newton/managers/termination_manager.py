@@ -1,5 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Termination manager: terms that end an episode, by failure, success or time limit."""
+"""Termination manager: terms that end an episode, by failure, success or time limit.
+
+The section that it generates for a time limit::
+
+    terminated = wp.bool(nonfinite[env])
+    truncated = wp.bool(False)
+    term_0 = time_out(env, episode)  # time_out
+    episode.term_terminated[env, 0] = term_0
+    truncated = truncated or term_0
+    episode.terminated[env] = terminated
+    episode.truncated[env] = truncated
+    reset[env] = terminated or truncated
+    moved[env] = terminated or truncated
+"""
 
 from __future__ import annotations
 

@@ -30,6 +30,7 @@ from stripe_newton.configclass import ConfigError
 from stripe_newton.robot_files import RobotFileError, extend_report, import_robot_file, rename_model, split_links
 from stripe_newton.sensors import SensorBase, SensorCfg
 from stripe_newton.sim import SpawnerCfg
+from stripe_newton.sim.body_choice import BodyChoice
 from stripe_newton.sim.scene_context import ENV_0, scene_context
 from stripe_newton.sim.spawners.from_files import FILE_KEY
 from stripe_newton.sim.spawners.model_names import NAMES_KEY
@@ -218,6 +219,7 @@ class SceneBuilder:
             self._build(scenery)
 
     def _build(self, scenery: Scenery) -> None:
+        """Go from the stage to a model, to which assets and sensors are bound."""
         scene, sim = self._scene, self._scene.sim
         if self.obstacle_sensors and sim.cfg.solver.chooses_contacts:  # their slots are geoms of MuJoCo Warp
             self._use_mujoco_contacts(True)
@@ -225,22 +227,7 @@ class SceneBuilder:
         terrain_paths = self._find_terrain()
         if scene.cfg.scenery_file is not None:
             scene.scenery = ImportedScenery(scene)
-        self._load(template, self.template_root, terrain_paths if self.template_root == "/" else ())
-        if self.template_root == "/" and not self.allow_empty:  # somebody else's stage, of which nothing may move
-            check_content(template, self.reports[0])
-        for asset in scene.assets:
-            asset.arrange(template)
-        self.authored_joints = AuthoredJoints(template)
-        self.template_labels = [*template.body_label, *template.joint_label, *template.shape_label]
-        self._prepare_assets(template)
-        choices = body_choices(scene.assets, scene.num_envs, template, self._load_apart)
-        self.reports[0].joints = joint_rows(template)  # after the actuator configs: with the drives that they set
-        if scene.scenery is not None:
-            scene.scenery.measure(template)
-            if scene.scenery.stage.bodies:
-                self._load(template, scene.scenery.stage.path, (scene.scenery.stage.not_moving,))
-                self.reports[-1].file = scene.scenery.stage.file
-            scene.scenery.loaded_bodies(template)
+        choices = self._load_environment(template, terrain_paths)
         static = self._shared(scenery, terrain_paths, template)
         if self.template_root == "/":
             static.gravity = template.gravity
@@ -254,6 +241,43 @@ class SceneBuilder:
         if problems := [problem for check in self.checks for problem in check()]:
             raise ConfigError(problems)
         scene.built = True  # from here on nothing can be added: register() refuses it
+        self._make_model(template, static, choices)
+        self._bind()
+
+    def _load_environment(self, template: newton.ModelBuilder, terrain_paths: tuple[str, ...]) -> list[BodyChoice]:
+        """Load one environment, with the configs of its assets, and the bodies that an imported scenery brings.
+
+        Returns:
+            Bodies that are another asset in each environment.
+        """
+        scene, scenery = self._scene, self._scene.scenery
+        self._load(template, self.template_root, terrain_paths if self.template_root == "/" else ())
+        if self.template_root == "/" and not self.allow_empty:  # somebody else's stage, of which nothing may move
+            check_content(template, self.reports[0])
+        for asset in scene.assets:
+            asset.arrange(template)
+        self.authored_joints = AuthoredJoints(template)
+        self.template_labels = [*template.body_label, *template.joint_label, *template.shape_label]
+        self._prepare_assets(template)
+        choices = body_choices(scene.assets, scene.num_envs, template, self._load_apart)
+        self.reports[0].joints = joint_rows(template)  # after the actuator configs: with the drives that they set
+        if scenery is not None:
+            scenery.measure(template)
+            if scenery.stage.bodies:
+                self._load(template, scenery.stage.path, (scenery.stage.not_moving,))
+                self.reports[-1].file = scenery.stage.file
+            scenery.loaded_bodies(template)
+        return choices
+
+    def _make_model(
+        self, template: newton.ModelBuilder, static: newton.ModelBuilder, choices: Sequence[BodyChoice]
+    ) -> None:
+        """Replicate the environment, make model and solver, and complete the reports.
+
+        Raises:
+            StageError: if the solver does not take the model; the error names the prim.
+        """
+        scene, sim = self._scene, self._scene.sim
         sim.lights = read_lights(scene.stage)
         # Kernels read the very tensor that a terrain moves; the model is replicated at a copy of where it is now.
         sim.env_origin = wp.from_torch(scene.env_origins, dtype=wp.vec3)
@@ -273,6 +297,10 @@ class SceneBuilder:
                 report.ignored = rows_by_triangles(report.ignored)
         if scene.scenery is not None:
             scene.scenery.show_rows(self.reports)
+
+    def _bind(self) -> None:
+        """Bind scenery, assets and sensors to the model."""
+        scene, sim = self._scene, self._scene.sim
         if scene.scenery is not None and isinstance(scene.terrain, SceneryGround):
             scene.scenery.bind(sim, scene.terrain)
         # Sensors come last: they read the arrays of assets, and as hooks run after what is added by the build.

@@ -17,7 +17,7 @@ from stripe_newton.solvers import SolverFused
 if TYPE_CHECKING:
     from stripe_kernels.actuators import JointDrives
 
-    from .simulation import Simulation
+    from .simulation_parts import SimulationParts
 
 __all__ = ["MOST_GROWTH", "SOLVER_STATE", "GrowingBuffers", "enlarge_buffers", "larger_sizes"]
 
@@ -37,7 +37,7 @@ class GrowingBuffers:
     around it have run once. On the CPU alone, as a recorded graph has the addresses of the buffers.
     """
 
-    def __init__(self, sim: Simulation):
+    def __init__(self, sim: SimulationParts):
         """Prepare for the solver of a simulation, see :meth:`why_not`."""
         self._sim = sim
         solver = sim.solver
@@ -47,7 +47,7 @@ class GrowingBuffers:
         self._saved: dict[str, wp.array] = {}
 
     @classmethod
-    def of(cls, sim: Simulation) -> GrowingBuffers | None:
+    def of(cls, sim: SimulationParts) -> GrowingBuffers | None:
         """Buffers that grow, or None where they keep their sizes and an overflow is reported.
 
         They keep them on a GPU; with contacts that others read from arrays of a given size, as Newton's collision

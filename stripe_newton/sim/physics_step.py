@@ -16,7 +16,7 @@ from stripe_newton.solvers import PerStep, SolverFused
 from .growing_buffers import GrowingBuffers
 
 if TYPE_CHECKING:
-    from .simulation import Simulation
+    from .simulation_parts import SimulationParts
 
 __all__ = ["PhysicsStep"]
 
@@ -33,7 +33,7 @@ class PhysicsStep:
         limits_velocity: Whether ``sim.velocity_limit`` is enforced.
     """
 
-    def __init__(self, sim: Simulation, state: newton.State):
+    def __init__(self, sim: SimulationParts, state: newton.State):
         """Step a simulation whose model and solver are made.
 
         Args:

@@ -42,6 +42,7 @@ def test_what_is_wrong_is_one_message(motion, tmp_path, capsys):
         ([str(tmp_path / "none.csv")], "none.csv: is neither a file nor a folder"),
         ([str(motion), "--robot", "g2"], "--robot g2: robot 'g2' is not in the table; did you mean"),
         ([str(motion), "--fps", "0"], "--fps 0: must be above 0"),
+        ([], "replay-motion needs files"),
     ):
         assert main(["replay-motion", *words, "--viewer", "none"]) == 2
         said = capsys.readouterr().err

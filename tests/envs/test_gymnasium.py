@@ -35,7 +35,7 @@ def test_make_says_that_environments_are_vectors():
 
 def test_make_vec():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("stripe_newton.sim.simulation.resolve_device", lambda name: "cpu")
+        patch.setattr("stripe_newton.sim.simulation_parts.resolve_device", lambda name: "cpu")
         env = gymnasium.make_vec(TASK, num_envs=3)
         assert (env.num_envs, env.device, env.spec.id) == (3, "cpu", TASK)
         obs, _ = env.reset(seed=1)

@@ -53,7 +53,7 @@ def run_example(heading: str) -> dict[str, Any]:
     """Run the blocks under a heading on the CPU; return the names that they define."""
     names: dict[str, Any] = {"__name__": "example"}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("stripe_newton.sim.simulation.resolve_device", lambda name: "cpu")
+        patch.setattr("stripe_newton.sim.simulation_parts.resolve_device", lambda name: "cpu")
         for block in blocks(heading):
             exec(compile(block, str(PAGE), "exec"), names)
     return names
