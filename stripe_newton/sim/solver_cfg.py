@@ -24,6 +24,7 @@ from stripe_newton.solvers.static_meshes import (
     moves_other_kinds,
 )
 from stripe_newton.solvers.support import why_slower
+from stripe_newton.usd.contact_margins import one_margin_warning
 from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, WrittenPath
 
 from .contact_capacity import contact_capacity
@@ -224,7 +225,7 @@ class MuJoCoSolverCfg(SolverCfg):
 
     def create(self, model: newton.Model, observables: Sequence[str] = ()) -> newton.solvers.SolverBase:
         try:
-            with warnings.catch_warnings():
+            with one_margin_warning(), warnings.catch_warnings():
                 # Newton maps its order of joints to MuJoCo's: tests find the same motion in several orders.
                 warnings.filterwarnings("ignore", message="Joint order is not in depth-first", category=UserWarning)
                 return self._create(model, observables)

@@ -94,7 +94,10 @@ def authored_hull_rows(builder: newton.ModelBuilder, first: int, stage: Usd.Stag
     """
     concave: dict[int, bool] = {}  # instances share a hull
     for shape in range(first, builder.shape_count):
-        if builder.shape_type[shape] != GeoType.CONVEX_MESH or not builder.shape_flags[shape] & ShapeFlags.COLLIDE_SHAPES:
+        if (
+            builder.shape_type[shape] != GeoType.CONVEX_MESH
+            or not builder.shape_flags[shape] & ShapeFlags.COLLIDE_SHAPES
+        ):
             continue
         prim, hull = labelled_prim(stage, builder.shape_label[shape]), id(builder.shape_source[shape])
         if not prim or not prim.IsA(UsdGeom.Mesh):

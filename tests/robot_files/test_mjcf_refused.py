@@ -102,15 +102,12 @@ def test_limits_without_end_and_names_of_any_kind_are_no_mistake(tmp_path):
 
 
 def test_what_is_not_read_has_a_row(tmp_path):
-    rest = (
-        '<option timestep="0.004" gravity="0 0 -1.6" wind="1 0 0"/><sensor><jointpos joint="j"/></sensor>'
-        + KEY.format("0")
-    )
+    rest = '<option timestep="0.004" gravity="0 0 -1.6"/><sensor><jointpos joint="j"/></sensor>' + KEY.format("0")
     path = mjcf(tmp_path, rest=rest, body=BODY + '<camera name="c"/>')
     found = {(where, what) for where, what, _ in inspect_robot_file(path).ignored}
     assert found == {
         ("1 sensors", "not read"), ("1 cameras", "not read"), ("keyframes", "not used"), ("option", "timestep 0.004"),
-        ("option", "gravity (0, 0, -1.6)"), ("option", "wind"), ("option", "integrator implicitfast"),
+        ("option", "gravity (0, 0, -1.6)"), ("option", "integrator implicitfast"),
     }  # fmt: skip
     spawn = MjcfFileCfg(asset_path=str(path), keyframe="home")
     scene = make_scene({"robot": ArticulationCfg(prim_path="{ENV_REGEX_NS}/Robot", spawn=spawn, actuators={})})
