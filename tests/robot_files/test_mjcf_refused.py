@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import newton
@@ -178,3 +179,13 @@ def test_what_free_and_ball_joints_lose_has_a_row(tmp_path):
     rows = {row[:2]: row[2] for row in inspect_robot_file(path).ignored}
     assert rows["f", "damping"] == "0.3 in the file is not read: free joints have none"
     assert rows["joint of c", "range"] == "not read: ball joints have no limits"
+
+
+@pytest.mark.parametrize("part", ["mesh", "include", "hfield", "texture"])
+def test_a_pipe_in_the_place_of_a_file_is_not_read(tmp_path, part):
+    os.mkfifo(tmp_path / "pipe")
+    assets = {"mesh": '<mesh name="m" file="pipe"/>', "hfield": '<hfield name="m" file="pipe" size="1 1 1 1"/>',
+              "texture": '<texture name="m" type="2d" file="pipe"/>'}  # fmt: skip
+    rest = '<include file="pipe"/>' if part == "include" else f"<asset>{assets[part]}</asset>"
+    with pytest.raises(RobotFileError, match=rf"<{part}>.*pipe' is a pipe"):
+        inspect_robot_file(mjcf(tmp_path, rest=rest))
