@@ -50,6 +50,7 @@ def edit_mjcf(
     root, _ = _load_and_expand_mjcf(str(path.resolve()))
     changed = [default for default in root.findall("default") if default.attrib.pop("class", None) is not None]
     changed += [*empty_frames(root, model), *_open_empty_ranges(root), *_find_assets(root, path)]
+    changed += _size_height_fields(root, model)
     if tendons:
         changed.append(_add_tendons(root, tendons))
         try:
@@ -93,6 +94,23 @@ def _find_assets(root: ElementTree.Element, path: Path) -> list[ElementTree.Elem
         place = (path.parent / folders[element.tag] / original).resolve()
         if original and place.is_file():
             element.set("file", str(place))
+            found.append(element)
+    return found
+
+
+def _size_height_fields(root: ElementTree.Element, model: mujoco.MjModel) -> list[ElementTree.Element]:
+    """Write down what height fields have from their files: rows and columns, and the name; returns their elements.
+
+    Newton takes 100 rows and columns where none are given, and leaves a field without a name out.
+    """
+    found = []
+    for element in root.iter("hfield"):
+        name = element.get("name") or Path(element.get("file", "")).stem
+        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_HFIELD, name)
+        if element.get("file") and number >= 0:
+            element.set("name", name)
+            element.set("nrow", str(int(model.hfield_nrow[number])))
+            element.set("ncol", str(int(model.hfield_ncol[number])))
             found.append(element)
     return found
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stage loading: time and memory of opening generated stages of many meshes as a scene.
 
-    python tools/benchmarks/stage_loading.py [--meshes 100 1000 10000] [--moving | --robot] [--textures jpg] [--profile]
+    python tools/benchmarks/stage_loading.py [--meshes 100 1000 10000] [--moving SHARE | --robot] [--textures jpg] [--profile]
 
-Each stage is loaded in a process of its own. Each mesh is another one: a convex collider of 26 points. With
-``--moving`` every tenth is a rigid body. With ``--robot`` the stage is the scenery of eight quadrupeds. With
+Each stage is loaded in a process of its own. Each mesh is another one: a convex collider of 26 points. Of these
+``--moving`` is the share of rigid bodies, such as 0.1. With ``--robot`` the stage is the scenery of eight quadrupeds. With
 ``--textures`` each mesh has a picture of its own, of 1024 by 1024 pixels.
 """
 
@@ -30,7 +30,7 @@ from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import Simulation, SimulationCfg
 
 
-def write_stage(path: Path, meshes: int, moving: bool, textures: str = "") -> None:
+def write_stage(path: Path, meshes: int, moving: float, textures: str = "") -> None:
     """Write a stage of meshes on a grid of 2 m, each with a picture if ``textures`` names a format."""
     random = np.random.default_rng(0)
     directions = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
@@ -51,7 +51,7 @@ def write_stage(path: Path, meshes: int, moving: bool, textures: str = "") -> No
         UsdGeom.XformCommonAPI(mesh).SetTranslate(Gf.Vec3d(2.0 * (k % side), 2.0 * (k // side), 1.0))
         UsdPhysics.CollisionAPI.Apply(mesh.GetPrim())
         UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr("convexHull")
-        if moving and k % 10 == 0:
+        if int((k + 1) * moving) > int(k * moving):
             UsdPhysics.RigidBodyAPI.Apply(mesh.GetPrim())
         if textures:
             file = path.parent / f"texture_{k}.{textures}"
@@ -145,7 +145,7 @@ def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--meshes", type=int, nargs="+", default=[100, 1000, 10000], help="numbers of meshes")
-    parser.add_argument("--moving", action="store_true", help="every tenth mesh is a rigid body")
+    parser.add_argument("--moving", type=float, default=0.0, help="share of the meshes that are rigid bodies")
     parser.add_argument("--robot", action="store_true", help="load it as the scenery of eight quadrupeds")
     parser.add_argument("--textures", choices=["jpg", "png"], default="", help="give each mesh a picture of its own")
     parser.add_argument("--profile", action="store_true", help="print where the time of loading goes")
