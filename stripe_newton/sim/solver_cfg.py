@@ -29,6 +29,7 @@ from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt, Positive
 
 from .contact_capacity import contact_capacity
 from .ground_contacts import use_triangles
+from .many_dofs import check_dof_count
 
 __all__ = [
     "FeatherstoneSolverCfg",
@@ -224,6 +225,7 @@ class MuJoCoSolverCfg(SolverCfg):
         add_triangles_attribute(builder)
 
     def create(self, model: newton.Model, observables: Sequence[str] = ()) -> newton.solvers.SolverBase:
+        check_dof_count(model)
         try:
             with one_margin_warning(), warnings.catch_warnings():
                 # Newton maps its order of joints to MuJoCo's: tests find the same motion in several orders.
