@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
+from stripe_newton.input_files import why_no_file
 from stripe_newton.usd.git_lfs import POINTER_REASON, is_pointer
 
 __all__ = ["XACRO", "FileKind", "file_kind"]
@@ -50,6 +51,8 @@ def file_kind(path: str | Path) -> FileKind:
         FileNotFoundError: there is no such file.
     """
     path = Path(path)
+    if path.exists() and (problem := why_no_file(path)):  # reading a pipe would wait for somebody who writes it
+        return FileKind("", problem)
     if is_pointer(path):
         return FileKind("", POINTER_REASON)
     with open(path, "rb") as file:

@@ -23,6 +23,7 @@ from stripe_newton.usd.body_masses import MUJOCO_MINIMUM, mass_problems
 from stripe_newton.usd.builder_checks import shape_extent
 from stripe_newton.usd.builder_start import BuilderStart
 from stripe_newton.usd.concave_meshes import concave_meshes
+from stripe_newton.usd.contact_margins import margin_rows
 from stripe_newton.usd.inertia_balance import balance_inertias
 from stripe_newton.usd.report_rows import build_report
 from stripe_newton.usd.textures import drop_unreadable_textures
@@ -90,6 +91,7 @@ def import_robot_file(
     rows += [(where.rpartition("/")[2], what, why) for where, what, why in balance_inertias(builder, start.body)]
     textures = drop_unreadable_textures(builder, start.shape)
     rows += [(where.rpartition("/")[2], what, why) for where, what, why in textures]
+    rows += [(where.rpartition("/")[2], what, why) for where, what, why in margin_rows(builder, start.shape)]
     if kind == "urdf":  # MuJoCo's format means the hull
         names = [builder.shape_label[s].rpartition("/")[2] for s, _ in concave_meshes(builder, start.shape)]
         rows += [(name, "concave mesh collider", "its convex hull collides") for name in names]

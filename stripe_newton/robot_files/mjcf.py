@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 from newton.solvers import SolverMuJoCo
 
+from .mjcf_masses import bodies_of_file
 from .mjcf_ref import count_as_the_file
 
 __all__ = ["MjcfStart", "complete_mjcf"]
@@ -78,11 +79,13 @@ def complete_mjcf(
         return
     # Newton's importer keeps neither the names of merged joints nor keyframes.
     spec = mujoco.MjSpec.from_file(path)
-    bodies = {_sanitized(body.name): body for body in spec.bodies if body.name}
+    model = spec.compile()
+    by_number = {body.id: body for body in spec.bodies}
+    bodies = {own: by_number[there] for own, there in bodies_of_file(builder, start.body, model).items()}
     for joint in merged:
-        _restore_names(builder, joint, bodies.get(_body_name(builder, joint)))
+        _restore_names(builder, joint, bodies.get(builder.joint_child[joint]))
     if keyframe is not None:
-        _set_keyframe(builder, spec, bodies, start.joint, keyframe, xform, scale)
+        _set_keyframe(builder, spec, model, bodies, start.joint, keyframe, xform, scale)
 
 
 def _restore_names(builder: newton.ModelBuilder, joint: int, body: mujoco.MjsBody | None) -> None:
@@ -97,7 +100,8 @@ def _restore_names(builder: newton.ModelBuilder, joint: int, body: mujoco.MjsBod
 def _set_keyframe(
     builder: newton.ModelBuilder,
     spec: mujoco.MjSpec,
-    bodies: dict[str, mujoco.MjsBody],
+    model: mujoco.MjModel,
+    bodies: dict[int, mujoco.MjsBody],
     first_joint: int,
     keyframe: str,
     xform: wp.transform | None,
@@ -107,11 +111,10 @@ def _set_keyframe(
     names = [key.name for key in spec.keys]
     if keyframe not in names:
         raise ValueError(f"there is no keyframe '{keyframe}', it has {', '.join(names) or 'none'}")
-    model = spec.compile()
     qpos = model.key_qpos[names.index(keyframe)]
     for joint in range(first_joint, builder.joint_count):
         start = builder.joint_q_start[joint]
-        for own in _joints(bodies.get(_body_name(builder, joint))):
+        for own in _joints(bodies.get(builder.joint_child[joint])):
             at = int(model.jnt_qposadr[own.id])
             if own.type == mujoco.mjtJoint.mjJNT_FREE:
                 position, quat = qpos[at : at + 3] * scale, qpos[at + 3 : at + 7]
@@ -129,10 +132,6 @@ def _joints(body: mujoco.MjsBody | None) -> list[mujoco.MjsJoint]:
     """The joints of an MJCF body in Newton's order: slides come first."""
     joints = list(body.joints) if body is not None else []
     return sorted(joints, key=lambda j: j.type == mujoco.mjtJoint.mjJNT_HINGE)
-
-
-def _body_name(builder: newton.ModelBuilder, joint: int) -> str:
-    return builder.body_label[builder.joint_child[joint]].rpartition("/")[2]
 
 
 def _sanitized(name: str) -> str:

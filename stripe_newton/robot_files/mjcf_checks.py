@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element
 
 import mujoco
 
+from stripe_newton.input_files import why_no_file
 from stripe_newton.usd.git_lfs import POINTER_REASON, is_pointer
 
 from .error import RobotFileError
@@ -30,6 +31,8 @@ _MAY_BE_INFINITE = {
 """Attributes without an end: ranges. Stiffness, damping, velocities, gravity and all else must be finite."""
 _RANGES = {"range", "ctrlrange", "forcerange", "actuatorfrcrange", "actrange"}
 """Attributes with a least and a greatest value; ``limited`` and the like say whether they hold."""
+_FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture": "texturedir"}
+"""Attribute of ``<compiler>`` for the folder of each kind of asset."""
 _NOT_READ = {
     "replicate": "copies of a body",
     "attach": "parts of other models",
@@ -48,7 +51,7 @@ def compile_mjcf(path: Path) -> mujoco.MjModel:
     """
     problems: list[str] = []
     roots = [root for _, root in _documents(path, problems)]
-    problems += _pointer_problems(path, roots)
+    problems += _asset_problems(path, roots)
     for root in roots:
         problems += [*_number_problems(root), *_range_problems(root)]
         problems += [*_unread_problems(root), *_ball_problems(root)]
@@ -69,6 +72,9 @@ def _documents(path: Path, problems: list[str]) -> Iterator[tuple[Path, Element]
         if file in seen:
             continue
         seen.add(file)
+        if file.exists() and (problem := why_no_file(file)):
+            problems.append(f"<include>: '{file}' {problem}")
+            continue
         try:
             root = ElementTree.parse(file).getroot()
         except FileNotFoundError:
@@ -81,17 +87,20 @@ def _documents(path: Path, problems: list[str]) -> Iterator[tuple[Path, Element]
         waiting += [path.parent / name for include in root.iter("include") if (name := include.get("file"))]
 
 
-def _pointer_problems(path: Path, roots: list[Element]) -> Iterator[str]:
-    """Assets that are pointers of git LFS, of which MuJoCo would say that they are no meshes."""
+def _asset_problems(path: Path, roots: list[Element]) -> Iterator[str]:
+    """Assets that are pointers of git LFS, which MuJoCo would say are no meshes, or pipes, for which it would wait."""
     compilers = [compiler for root in roots for compiler in root.iter("compiler")]
-    for kind, own in (("mesh", "meshdir"), ("hfield", "meshdir"), ("texture", "texturedir")):
+    for kind, own in _FOLDERS.items():
         folders = [c.get(name, "") for c in compilers for name in (own, "assetdir")]
-        for element in (e for root in roots for e in root.iter(kind) if e.get("file")):
-            for folder in dict.fromkeys(["", *folders]):
-                file = path.parent / folder / element.get("file", "")
-                if file.is_file() and is_pointer(file):
-                    yield f"<{kind}> '{element.get('name') or file.stem}': '{file}' {POINTER_REASON}"
-                    break
+        for element in (e for root in roots for e in root.iter(kind)):
+            for name in (text for attribute, text in element.attrib.items() if attribute.startswith("file") and text):
+                places = (path.parent / folder / name for folder in dict.fromkeys(["", *folders]))
+                file = next((place for place in places if place.exists()), None)
+                if file is None:
+                    continue
+                problem = why_no_file(file) or (POINTER_REASON if is_pointer(file) else "")
+                if problem:
+                    yield f"<{kind}> '{element.get('name') or file.stem}': '{file}' {problem}"
 
 
 def _number_problems(root: Element) -> Iterator[str]:

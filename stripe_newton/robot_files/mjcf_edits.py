@@ -13,6 +13,7 @@ from newton._src.utils.import_mjcf import _load_and_expand_mjcf  # its includes 
 
 from .error import RobotFileError
 from .mjcf_checks import compile_mjcf
+from .mjcf_frames import empty_frames
 from .numbers import numbers_of
 
 __all__ = ["edit_mjcf"]
@@ -29,7 +30,8 @@ def edit_mjcf(
 
     Where the file's outermost ``<default>`` names its class, as ``"main"``, Newton would keep these defaults for
     elements that name the class, where MuJoCo gives them to all: the name is left out. A joint whose ``range`` is empty
-    (``"0 0"``) has no limits for MuJoCo, unless it says that it is limited; for Newton it would be locked.
+    (``"0 0"``) has no limits for MuJoCo, unless it says that it is limited; for Newton it would be locked. Joints and
+    bodies in frames become those of the body around (:func:`empty_frames`).
 
     Args:
         path: The file.
@@ -47,7 +49,8 @@ def edit_mjcf(
     model = compile_mjcf(path)
     root, _ = _load_and_expand_mjcf(str(path.resolve()))
     changed = [default for default in root.findall("default") if default.attrib.pop("class", None) is not None]
-    changed += [*_open_empty_ranges(root), *_find_assets(root, path)]
+    changed += [*empty_frames(root, model), *_open_empty_ranges(root), *_find_assets(root, path)]
+    changed += _size_height_fields(root, model)
     if tendons:
         changed.append(_add_tendons(root, tendons))
         try:
@@ -91,6 +94,23 @@ def _find_assets(root: ElementTree.Element, path: Path) -> list[ElementTree.Elem
         place = (path.parent / folders[element.tag] / original).resolve()
         if original and place.is_file():
             element.set("file", str(place))
+            found.append(element)
+    return found
+
+
+def _size_height_fields(root: ElementTree.Element, model: mujoco.MjModel) -> list[ElementTree.Element]:
+    """Write down what height fields have from their files: rows and columns, and the name; returns their elements.
+
+    Newton takes 100 rows and columns where none are given, and leaves a field without a name out.
+    """
+    found = []
+    for element in root.iter("hfield"):
+        name = element.get("name") or Path(element.get("file", "")).stem
+        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_HFIELD, name)
+        if element.get("file") and number >= 0:
+            element.set("name", name)
+            element.set("nrow", str(int(model.hfield_nrow[number])))
+            element.set("ncol", str(int(model.hfield_ncol[number])))
             found.append(element)
     return found
 

@@ -69,9 +69,12 @@ def _unused(model: mujoco.MjModel, options: dict[str, Any]) -> Iterator[Row]:
     yield "option", f"timestep {model.opt.timestep:g}", "the step is SimulationCfg.dt"
     if not np.allclose(model.opt.gravity, (0.0, 0.0, -9.81), atol=1e-6):
         yield "option", f"gravity {_vector(model.opt.gravity)}", "gravity is SimulationCfg.gravity"
-    for name in ("wind", "density", "viscosity"):
-        if np.any(getattr(model.opt, name)):
-            yield "option", name, "there is no fluid"
+    if model.opt.noslip_iterations:
+        yield (
+            "option",
+            "noslip_iterations",
+            "not read: MuJoCo Warp has none; solimp makes contacts harder",
+        )
     for name in options.get("ignore_names", ()):
         for kind in (mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_BODY):
             if mujoco.mj_name2id(model, kind, name) >= 0:
@@ -154,16 +157,19 @@ def _joint_differences(builder: newton.ModelBuilder, start: MjcfStart, model: mu
         at = model.jnt_dofadr[joint]
         limits = model.jnt_range[joint] if model.jnt_limited[joint] else (-np.inf, np.inf)
         for what, here, there in (
-            ("damping", builder.joint_damping[dof], model.dof_damping[at]),
-            ("armature", builder.joint_armature[dof], model.dof_armature[at]),
-            ("frictionloss", builder.joint_friction[dof], model.dof_frictionloss[at]),
-            ("stiffness", builder.joint_stiffness[dof], model.jnt_stiffness[joint]),
-            ("lower limit", builder.joint_limit_lower[dof], limits[0]),
-            ("upper limit", builder.joint_limit_upper[dof], limits[1]),
+            ("damping", float(builder.joint_damping[dof]), model.dof_damping[at]),
+            ("armature", float(builder.joint_armature[dof]), model.dof_armature[at]),
+            ("frictionloss", float(builder.joint_friction[dof]), model.dof_frictionloss[at]),
+            ("stiffness", float(builder.joint_stiffness[dof]), model.jnt_stiffness[joint]),
+            ("lower limit", _limit(builder.joint_limit_lower[dof]), limits[0]),
+            ("upper limit", _limit(builder.joint_limit_upper[dof]), limits[1]),
         ):
-            here = float(np.copysign(np.inf, here)) if abs(here) >= _UNLIMITED else float(here)
             if not (here == there or np.isclose(here, there, rtol=_RELATIVE, atol=1e-6)):
                 yield name, what, f"MuJoCo reads {there:.4g}, Newton {here:.4g}"
+
+
+def _limit(value: float) -> float:
+    return float(np.copysign(np.inf, value)) if abs(value) >= _UNLIMITED else float(value)
 
 
 def _lost_of_joint(model: mujoco.MjModel, joint: int) -> Iterator[Row]:

@@ -24,10 +24,12 @@ from stripe_newton.solvers.static_meshes import (
     moves_other_kinds,
 )
 from stripe_newton.solvers.support import why_slower
+from stripe_newton.usd.contact_margins import one_margin_warning
 from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, WrittenPath
 
 from .contact_capacity import contact_capacity
 from .ground_contacts import use_triangles
+from .many_dofs import check_dof_count
 
 __all__ = [
     "FeatherstoneSolverCfg",
@@ -223,8 +225,9 @@ class MuJoCoSolverCfg(SolverCfg):
         add_triangles_attribute(builder)
 
     def create(self, model: newton.Model, observables: Sequence[str] = ()) -> newton.solvers.SolverBase:
+        check_dof_count(model)
         try:
-            with warnings.catch_warnings():
+            with one_margin_warning(), warnings.catch_warnings():
                 # Newton maps its order of joints to MuJoCo's: tests find the same motion in several orders.
                 warnings.filterwarnings("ignore", message="Joint order is not in depth-first", category=UserWarning)
                 return self._create(model, observables)

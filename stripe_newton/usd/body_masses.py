@@ -16,8 +16,8 @@ __all__ = ["MUJOCO_MINIMUM", "mass_problems", "moments_problem"]
 
 MUJOCO_MINIMUM = 1.0e-15
 """Least mass and moment of inertia of a moving body in MuJoCo, ``mjMINVAL``."""
-_NOISE = 1.0e-9
-"""Negative moment of inertia that is rounding, in parts of the largest one."""
+_NOISE, _LEAST = 1.0e-6, 1.0e-18
+"""Negative moment of inertia that is rounding: in parts of the largest one, and in any case [kg m^2]."""
 
 
 def mass_problems(builder: newton.ModelBuilder, start: BuilderStart, smallest: float) -> Iterator[tuple[int, str]]:
@@ -61,7 +61,7 @@ def moments_problem(inertia: np.ndarray) -> str:
     if not np.isfinite(inertia).all():
         return f"the components {', '.join(f'{m:g}' for m in inertia.reshape(-1))} kg m^2, must be finite"
     moments = _moments(inertia)
-    if moments[0] >= -_NOISE * max(moments[-1], _NOISE):
+    if moments[0] >= -max(_NOISE * moments[-1], _LEAST):
         return ""
     text = ", ".join(f"{m:.3g}" for m in moments)
     return f"the principal moments {text} kg m^2, must be positive; check its signs and its frame"

@@ -8,10 +8,13 @@ from collections.abc import Collection, Iterator
 import newton
 import numpy as np
 from newton import GeoType, ShapeFlags
+from pxr import Usd, UsdGeom, UsdPhysics
 
 from .ignored_rows import Ignored
+from .stage_access import labelled_prim
 
 __all__ = [
+    "authored_hull_rows",
     "concave_colliders",
     "concave_mesh_rows",
     "concave_meshes",
@@ -35,6 +38,7 @@ _SPLIT = (
     "(slower)"
 )
 _TRIANGLES = "its triangles collide"
+_AUTHORED = "physics:approximation asks for it: its hollows and openings are filled"
 _BY_NEWTON = (
     ", and as it moves Newton's collision detection finds all contacts of the scene, which is slower; "
     "'convexDecomposition' leaves them to the solver"
@@ -78,6 +82,34 @@ def concave_mesh_rows(
         how = "is open" if depth == 0.0 else f"has hollows of {100 * depth:.0f} % of its size or more"
         row = builder.shape_label[shape], _WHAT, f"{_BUT}{how}; {_SPLIT}"
         yield _by_triangles(row) if triangles else row
+
+
+def authored_hull_rows(builder: newton.ModelBuilder, first: int, stage: Usd.Stage) -> Iterator[tuple[str, str, str]]:
+    """Rows of the meshes from shape ``first`` on whose approximation is ``convexHull`` although they are concave.
+
+    Args:
+        builder: The builder, into which Newton read the hulls.
+        first: First shape.
+        stage: The stage that was read, whose prims have the faces.
+    """
+    concave: dict[int, bool] = {}  # instances share a hull
+    for shape in range(first, builder.shape_count):
+        if (
+            builder.shape_type[shape] != GeoType.CONVEX_MESH
+            or not builder.shape_flags[shape] & ShapeFlags.COLLIDE_SHAPES
+        ):
+            continue
+        prim, hull = labelled_prim(stage, builder.shape_label[shape]), id(builder.shape_source[shape])
+        if not prim or not prim.IsA(UsdGeom.Mesh):
+            continue
+        if UsdPhysics.MeshCollisionAPI(prim).GetApproximationAttr().Get() != UsdPhysics.Tokens.convexHull:
+            continue
+        if hull not in concave:
+            mesh = newton.usd.get_mesh(prim, compute_inertia=False, load_visual_materials=False)
+            faces = np.array(mesh.indices).reshape(-1, 3)
+            concave[hull] = hollow_depth(np.array(mesh.vertices), faces) is not None
+        if concave[hull]:
+            yield builder.shape_label[shape], "convex hull of a concave mesh", _AUTHORED
 
 
 def concave_colliders(rows: Ignored) -> set[str]:

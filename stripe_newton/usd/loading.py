@@ -21,7 +21,8 @@ from .builder_repairs import articulate_single_joints, open_empty_drives, set_tr
 from .builder_start import BuilderStart
 from .checks import check_stage
 from .composition_errors import material_file_rows, without_errors
-from .concave_meshes import concave_colliders, concave_mesh_rows, rows_by_distance
+from .concave_meshes import authored_hull_rows, concave_colliders, concave_mesh_rows, rows_by_distance
+from .contact_margins import margin_rows
 from .file_errors import last_line
 from .flat_meshes import thicken_flat_meshes
 from .ignored_rows import Ignored
@@ -90,6 +91,8 @@ def load_stage(
     if solver == "mujoco":
         rows.extend(thicken_flat_meshes(builder, start.shape, name))
         rows.extend(concave_mesh_rows(builder, start.shape, static_triangles=not hulls))
+        rows.extend(margin_rows(builder, start.shape))
+    rows.extend(authored_hull_rows(builder, start.shape, prepared))
     # After the repairs: what they mend is no reason to refuse.
     check_builder(builder, start, solver, name)
     rows.extend(balance_inertias(builder, start.body))

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import io
+import os
 import zipfile
 
 import pytest
 
 from stripe_newton.assets import ArticulationCfg
-from stripe_newton.robot_files import file_kind
+from stripe_newton.robot_files import RobotFileError, file_kind, inspect_robot_file
 from stripe_newton.sim import MjcfFileCfg, UrdfFileCfg
 from tests.helpers.small_scenes import make_scene
 
@@ -44,6 +45,14 @@ KINDS = {
     "notes.urdf": (b"hello\nworld", "", "is no USD, URDF or MJCF file: it begins with 'hello'"),
     "far.urdf": (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "", "is a pointer of git LFS"),
 }
+
+
+def test_a_pipe_is_not_read(tmp_path):
+    os.mkfifo(tmp_path / "robot.urdf")
+    assert file_kind(tmp_path / "robot.urdf").description == "is a pipe"
+    assert file_kind(tmp_path).description == "is a folder"
+    with pytest.raises(RobotFileError, match="is a pipe"):
+        inspect_robot_file(tmp_path / "robot.urdf")
 
 
 @pytest.mark.parametrize("name", KINDS)

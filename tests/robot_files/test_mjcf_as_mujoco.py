@@ -9,6 +9,7 @@ import mujoco
 import newton
 import numpy as np
 import pytest
+from PIL import Image
 
 from stripe_newton.robot_files import RobotFileError, inspect_robot_file
 from stripe_newton.robot_files.importing import import_robot_file
@@ -287,3 +288,20 @@ def test_tied_bodies_collide_as_in_mujoco(tmp_path, kind, excluded):
         mujoco.mj_forward(model, data)
         contacts.append(int(data.ncon))
     assert contacts[0] == contacts[1] == int(not excluded)
+
+
+@pytest.mark.parametrize("kind", ["png", "bin"])
+def test_a_height_field_has_the_rows_and_columns_of_its_file(kind: str, tmp_path: Path) -> None:
+    heights = np.random.default_rng(0).integers(0, 255, (5, 7)).astype(np.uint8)
+    if kind == "png":
+        Image.fromarray(heights).save(tmp_path / "hills.png")
+    else:
+        data = heights.astype(np.float32).tobytes()
+        (tmp_path / "hills.bin").write_bytes(np.array(heights.shape, dtype=np.int32).tobytes() + data)
+    rest = f'<asset><hfield file="hills.{kind}" size="2 3 1 0.1"/></asset>'
+    bodies = '<geom type="hfield" hfield="hills"/><body pos="0 0 3"><freejoint/><geom size="0.1"/></body>'
+    builder, theirs, _ = imported(tmp_path, bodies, rest, ignore_names=())
+    ours = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu"), use_mujoco_cpu=True).mj_model
+    assert (ours.hfield_nrow[0], ours.hfield_ncol[0]) == (5, 7)
+    own, their = (m.hfield_data * m.hfield_size[0, 2] for m in (ours, theirs))
+    np.testing.assert_allclose(own, their, atol=1e-6)

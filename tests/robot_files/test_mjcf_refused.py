@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import newton
@@ -102,15 +103,12 @@ def test_limits_without_end_and_names_of_any_kind_are_no_mistake(tmp_path):
 
 
 def test_what_is_not_read_has_a_row(tmp_path):
-    rest = (
-        '<option timestep="0.004" gravity="0 0 -1.6" wind="1 0 0"/><sensor><jointpos joint="j"/></sensor>'
-        + KEY.format("0")
-    )
+    rest = '<option timestep="0.004" gravity="0 0 -1.6"/><sensor><jointpos joint="j"/></sensor>' + KEY.format("0")
     path = mjcf(tmp_path, rest=rest, body=BODY + '<camera name="c"/>')
     found = {(where, what) for where, what, _ in inspect_robot_file(path).ignored}
     assert found == {
         ("1 sensors", "not read"), ("1 cameras", "not read"), ("keyframes", "not used"), ("option", "timestep 0.004"),
-        ("option", "gravity (0, 0, -1.6)"), ("option", "wind"), ("option", "integrator implicitfast"),
+        ("option", "gravity (0, 0, -1.6)"), ("option", "integrator implicitfast"),
     }  # fmt: skip
     spawn = MjcfFileCfg(asset_path=str(path), keyframe="home")
     scene = make_scene({"robot": ArticulationCfg(prim_path="{ENV_REGEX_NS}/Robot", spawn=spawn, actuators={})})
@@ -181,3 +179,13 @@ def test_what_free_and_ball_joints_lose_has_a_row(tmp_path):
     rows = {row[:2]: row[2] for row in inspect_robot_file(path).ignored}
     assert rows["f", "damping"] == "0.3 in the file is not read: free joints have none"
     assert rows["joint of c", "range"] == "not read: ball joints have no limits"
+
+
+@pytest.mark.parametrize("part", ["mesh", "include", "hfield", "texture"])
+def test_a_pipe_in_the_place_of_a_file_is_not_read(tmp_path, part):
+    os.mkfifo(tmp_path / "pipe")
+    assets = {"mesh": '<mesh name="m" file="pipe"/>', "hfield": '<hfield name="m" file="pipe" size="1 1 1 1"/>',
+              "texture": '<texture name="m" type="2d" file="pipe"/>'}  # fmt: skip
+    rest = '<include file="pipe"/>' if part == "include" else f"<asset>{assets[part]}</asset>"
+    with pytest.raises(RobotFileError, match=rf"<{part}>.*pipe' is a pipe"):
+        inspect_robot_file(mjcf(tmp_path, rest=rest))

@@ -3,11 +3,13 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
 from stripe_newton.robot_files import RobotFileError, inspect_robot_file
 from stripe_newton.usd import StageError, StageReport, inspect_stage
+from stripe_newton.usd.body_masses import moments_problem
 
 USD = "warning of OpenUSD"
 CASES = {
@@ -51,3 +53,8 @@ def test_stages_and_robots_are_told_the_same(report_of, name: str, tmp_path: Pat
         said = [str(error)]
     assert bool(said) == bool(expected)
     assert expected in "".join(said)
+
+
+def test_rounding_of_a_moment_of_zero_is_no_mistake() -> None:
+    assert moments_problem(np.diag([-6e-16, 3e-8, 3e-8])) == ""  # of a published hand, in single precision
+    assert moments_problem(np.diag([-6e-13, 3e-8, 3e-8])).startswith("the principal moments")

@@ -106,6 +106,21 @@ def test_the_fused_step_takes_newton_s_contacts_as_mujoco_warp_does():
     np.testing.assert_allclose(*places, atol=2e-5)
 
 
+@pytest.mark.parametrize(("rows", "lid"), [(12, False), (10, True)])
+def test_a_hull_that_a_stage_asks_for_has_a_row_if_it_fills_hollows_or_openings(rows: int, lid: bool) -> None:
+    stage = new_stage()
+    add_step(stage, "/World/step", "convexHull")
+    box = UsdGeom.Mesh.Define(stage, "/World/box")
+    box.CreatePointsAttr(BOX.tolist())
+    box.CreateFaceVertexCountsAttr([3] * rows)
+    box.CreateFaceVertexIndicesAttr(BOX_FACES[:rows].reshape(-1).tolist())
+    UsdPhysics.CollisionAPI.Apply(box.GetPrim())
+    UsdPhysics.MeshCollisionAPI.Apply(box.GetPrim()).CreateApproximationAttr("convexHull")
+    report = load_stage(newton.ModelBuilder(), stage)
+    found = {path for path, what, _ in report.ignored if what == "convex hull of a concave mesh"}
+    assert found == ({"/World/step", "/World/box"} if lid else {"/World/step"})
+
+
 def test_a_config_may_ask_for_the_hull():
     scene, place = drop_a_ball(None, MuJoCoSolverCfg(use_mujoco_contacts=True))
     assert place[0] > 1.7  # off the slope of the hull

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stage loading: time and memory of opening generated stages of many meshes as a scene.
 
-    python tools/benchmarks/stage_loading.py [--meshes 100 1000 10000] [--moving | --robot] [--textures jpg] [--profile]
+    python tools/benchmarks/stage_loading.py [--meshes 100] [--moving SHARE [--xpbd] | --robot] [--textures jpg] [--profile]
 
-Each stage is loaded in a process of its own. Each mesh is another one: a convex collider of 26 points. With
-``--moving`` every tenth is a rigid body. With ``--robot`` the stage is the scenery of eight quadrupeds. With
+Each stage is loaded in a process of its own. Each mesh is another one: a convex collider of 26 points. ``--moving`` is
+the share of rigid bodies, such as 0.1, and ``--xpbd`` chooses the XPBD solver. With ``--robot`` the stage is the scenery of eight quadrupeds. With
 ``--textures`` each mesh has a picture of its own, of 1024 by 1024 pixels.
 """
 
@@ -27,10 +27,10 @@ from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
 
 from stripe_newton.scene import InteractiveScene
-from stripe_newton.sim import Simulation, SimulationCfg
+from stripe_newton.sim import MuJoCoSolverCfg, Simulation, SimulationCfg, XPBDSolverCfg
 
 
-def write_stage(path: Path, meshes: int, moving: bool, textures: str = "") -> None:
+def write_stage(path: Path, meshes: int, moving: float, textures: str = "") -> None:
     """Write a stage of meshes on a grid of 2 m, each with a picture if ``textures`` names a format."""
     random = np.random.default_rng(0)
     directions = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
@@ -51,7 +51,7 @@ def write_stage(path: Path, meshes: int, moving: bool, textures: str = "") -> No
         UsdGeom.XformCommonAPI(mesh).SetTranslate(Gf.Vec3d(2.0 * (k % side), 2.0 * (k // side), 1.0))
         UsdPhysics.CollisionAPI.Apply(mesh.GetPrim())
         UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr("convexHull")
-        if moving and k % 10 == 0:
+        if int((k + 1) * moving) > int(k * moving):
             UsdPhysics.RigidBodyAPI.Apply(mesh.GetPrim())
         if textures:
             file = path.parent / f"texture_{k}.{textures}"
@@ -98,9 +98,10 @@ def _hull(points: np.ndarray) -> np.ndarray:
     return faces
 
 
-def load(path: str) -> InteractiveScene:
+def load(path: str, xpbd: bool) -> InteractiveScene:
     """Open a stage as a scene."""
-    return InteractiveScene.from_usd(path, sim_cfg=SimulationCfg(gravity=None, device="cpu"))
+    solver = XPBDSolverCfg() if xpbd else MuJoCoSolverCfg()
+    return InteractiveScene.from_usd(path, sim_cfg=SimulationCfg(gravity=None, device="cpu", solver=solver))
 
 
 def load_with_robots(path: str) -> InteractiveScene:
@@ -114,7 +115,7 @@ def load_with_robots(path: str) -> InteractiveScene:
     return scene
 
 
-def measure(path: str, robot: bool, profile: bool) -> dict[str, float]:
+def measure(path: str, robot: bool, xpbd: bool, profile: bool) -> dict[str, float]:
     """Seconds of opening and building, on the clock and of the processor, of a second step, and the peak memory [MB].
 
     The memory is that above the imports'. The first step compiles kernels that are then cached.
@@ -125,7 +126,7 @@ def measure(path: str, robot: bool, profile: bool) -> dict[str, float]:
     if profile:
         profiler.enable()
     start, start_of_work = time.perf_counter(), time.process_time()
-    scene = load_with_robots(path) if robot else load(path)
+    scene = load_with_robots(path) if robot else load(path, xpbd)
     loaded, worked = time.perf_counter(), time.process_time()
     profiler.disable()
     if profile:
@@ -145,21 +146,22 @@ def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--meshes", type=int, nargs="+", default=[100, 1000, 10000], help="numbers of meshes")
-    parser.add_argument("--moving", action="store_true", help="every tenth mesh is a rigid body")
+    parser.add_argument("--moving", type=float, default=0.0, help="share of the meshes that are rigid bodies")
+    parser.add_argument("--xpbd", action="store_true", help="load it with the XPBD solver, for many bodies")
     parser.add_argument("--robot", action="store_true", help="load it as the scenery of eight quadrupeds")
     parser.add_argument("--textures", choices=["jpg", "png"], default="", help="give each mesh a picture of its own")
     parser.add_argument("--profile", action="store_true", help="print where the time of loading goes")
     parser.add_argument("--measure", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.measure:
-        print(json.dumps(measure(args.measure, args.robot, args.profile)))
+        print(json.dumps(measure(args.measure, args.robot, args.xpbd, args.profile)))
         return
     print("| meshes | load s | CPU s | step s | memory MB |\n| ---: | ---: | ---: | ---: | ---: |")
     with tempfile.TemporaryDirectory() as folder:
         for meshes in args.meshes:
             path = Path(folder) / f"{meshes}.usdc"
             write_stage(path, meshes, args.moving, args.textures)
-            flags = [f"--{name}" for name in ("robot", "profile") if getattr(args, name)]
+            flags = [f"--{name}" for name in ("robot", "xpbd", "profile") if getattr(args, name)]
             command = [sys.executable, __file__, "--measure", str(path), *flags]
             stderr = None if args.profile else subprocess.DEVNULL
             done = subprocess.run(command, stdout=subprocess.PIPE, stderr=stderr, text=True, check=True)

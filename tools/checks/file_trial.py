@@ -107,7 +107,8 @@ def file_scene(path: str, kind: str, max_hull_vertices: int | None = None) -> In
         options["ignore_names"] = ()
         try:
             model = mujoco.MjModel.from_xml_path(path)
-            settings.dt, settings.gravity = float(model.opt.timestep), tuple(map(float, model.opt.gravity))
+            if np.isfinite(model.opt.gravity).all():
+                settings.dt, settings.gravity = float(model.opt.timestep), tuple(map(float, model.opt.gravity))
         except ValueError:
             pass  # the importer says why
     scene = InteractiveScene(InteractiveSceneCfg(num_envs=1, env_spacing=0.0), Simulation(settings))

@@ -70,15 +70,21 @@ def _reason(text: str, path: Path) -> str:
     return text.removeprefix(f"{path.name}: ").removeprefix("/: ")
 
 
-def foreign_section(record: Path) -> list[str]:
-    """Lines of the section, of the files of the list that the record has."""
-    rows = {(row["source"], row["file"]): row for row in _read(record)}
-    found = [rows[pair] for pair in listed_files() if pair in rows]
-    steps = sum(row["outcome"] == "steps" for row in found)
-    compared = [row["facts"] for row in found if row["facts"].get("mujoco") and not row["facts"]["mujoco"]["why_not"]]
-    close = sum(facts["mujoco"]["acceleration"] < _SAME for facts in compared)
-    whole = [facts["mujoco_whole_hulls"] for facts in compared if "mujoco_whole_hulls" in facts]
-    closer = sum(m["acceleration"] < _ALIKE for m in whole)
+def foreign_section(record: Path, page: str) -> list[str]:
+    """Lines of the section, of the files of the list that the record has, or else the page so far.
+
+    Args:
+        record: What :func:`try_foreign_files` found.
+        page: The section as it is.
+    """
+    rows = _rows_of(page) | {(row["source"], row["file"]): _line(row) for row in _read(record)}
+    found = {pair: rows[pair] for pair in listed_files() if pair in rows}
+    cells = [[cell.strip() for cell in line.split(" | ")] for line in found.values()]
+    steps = sum(row[1] == "steps" for row in cells)
+    compared = [float(row[6]) for row in cells if row[6]]
+    close = sum(acceleration < _SAME for acceleration in compared)
+    whole = [float(row[8].split(",")[0]) for row in cells if row[8]]
+    closer = sum(acceleration < _ALIKE for acceleration in whole)
     lines = [
         HEADING,
         "",
@@ -103,10 +109,21 @@ def foreign_section(record: Path) -> list[str]:
         "`python tools/documentation/stage_table.py --foreign RECORD --source NAME=FOLDER ...` writes this section; "
         "`tools/documentation/foreign_files.txt` lists the files.",
     ]
-    for source in dict.fromkeys(row["source"] for row in found):
+    for source in dict.fromkeys(source for source, _ in found):
         lines += ["", f"## {source}", "", _HEAD, "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |"]
-        lines += [_line(row) for row in found if row["source"] == source]
+        lines += [line for (of, _), line in found.items() if of == source]
     return [*lines, ""]
+
+
+def _rows_of(page: str) -> dict[tuple[str, str], str]:
+    """Rows of the page by source and file."""
+    source, found = "", {}
+    for line in page.splitlines():
+        if line.startswith("## "):
+            source = line[3:]
+        elif line.startswith("| `"):
+            found[source, line.split("`")[1]] = line
+    return found
 
 
 def _line(row: dict[str, Any]) -> str:

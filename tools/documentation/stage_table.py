@@ -5,7 +5,8 @@
     python tools/documentation/stage_table.py --foreign RECORD [--source NAME=FOLDER ...]
 
 The first writes the part on the stages of the installed Newton. The second tries the files of
-``foreign_files.txt`` that lie below the folders, adds what it finds to the record, and writes the part on them.
+``foreign_files.txt`` that lie below the folders, adds what it finds to the record, and writes the part on them. Rows of
+files that the record does not have stay.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def main() -> None:
     if args.foreign is not None:
         folders = {name: Path(folder) for name, _, folder in (pair.partition("=") for pair in args.source)}
         try_foreign_files(folders, args.foreign, args.timeout, args.workers)
-        foreign = "\n".join(foreign_section(args.foreign))
+        foreign = "\n".join(foreign_section(args.foreign, foreign))
     else:
         own, foreign = "\n".join([*newton_section(), ""]), heading + foreign
     args.output.parent.mkdir(parents=True, exist_ok=True)
