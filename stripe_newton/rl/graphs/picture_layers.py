@@ -87,10 +87,10 @@ def convolve(cnn: nn.Sequential, pictures: torch.Tensor, form: PictureForm) -> t
         pictures: Shape ``(samples, channels, height, width)``; no gradient is computed for them.
         form: The form.
     """
-    first = cnn[0]
-    if form.blocks and _goes_over_blocks(first, pictures):
-        return _convolve_blocks(cnn, _in_blocks(pictures, first.stride[0], form.channels_last))
-    x = first(pictures.contiguous(memory_format=torch.channels_last) if form.channels_last else pictures)
+    first = _layer_over_blocks(cnn, pictures) if form.blocks else None
+    if first is not None:
+        return _convolve_blocks(cnn, first, _in_blocks(pictures, first.stride[0], form.channels_last))
+    x = cnn[0](pictures.contiguous(memory_format=torch.channels_last) if form.channels_last else pictures)
     return _other_layers(cnn, x)
 
 
@@ -106,22 +106,21 @@ def convolve_rows(
         form: The form.
         bf16: Whether convolutions run in bfloat16.
     """
-    over_blocks = form.blocks and form.channels_last and _goes_over_blocks(cnn[0], stored)
-    if not over_blocks or stored.dtype != torch.float32 or not stored.is_contiguous():
+    first = _layer_over_blocks(cnn, stored) if form.blocks and form.channels_last else None
+    if first is None or stored.dtype != torch.float32 or not stored.is_contiguous():
         return convolve(cnn, stored[indices], form)
-    (_, channels, height, width), edge, count = stored.shape, cnn[0].stride[0], len(indices)
+    (_, channels, height, width), edge, count = stored.shape, first.stride[0], len(indices)
     shape = count, height // edge, width // edge, channels * edge * edge
     blocks = torch.empty(shape, dtype=torch.bfloat16 if bf16 else torch.float32, device=stored.device)
     rows, target = as_array(indices), as_array(blocks.view(count, -1))
     inputs = [rows, as_array(stored.flatten(1)), channels, height, width, edge, target]
     dim = (count, channels * height * width // edge)
     wp.launch(gather_blocks, dim=dim, inputs=inputs, device=rows.device, block_dim=BLOCK)
-    return _convolve_blocks(cnn, blocks.permute(0, 3, 1, 2))
+    return _convolve_blocks(cnn, first, blocks.permute(0, 3, 1, 2))
 
 
-def _convolve_blocks(cnn: nn.Sequential, blocks: torch.Tensor) -> torch.Tensor:
+def _convolve_blocks(cnn: nn.Sequential, first: nn.Conv2d, blocks: torch.Tensor) -> torch.Tensor:
     """The layers, of which the first takes blocks of pixels, ``(samples, channels * edge * edge, rows, columns)``."""
-    first = cnn[0]
     x = functional.conv2d(blocks, functional.pixel_unshuffle(first.weight, first.stride[0]), first.bias)
     return _other_layers(cnn, x)
 
@@ -135,13 +134,14 @@ def _other_layers(cnn: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
     return x
 
 
-def _goes_over_blocks(layer: nn.Module, pictures: torch.Tensor) -> bool:
-    """Whether a convolution is one without stride over blocks of pixels."""
+def _layer_over_blocks(cnn: nn.Sequential, pictures: torch.Tensor) -> nn.Conv2d | None:
+    """The first layer, if it is a convolution without stride over blocks of pixels."""
+    layer = cnn[0]
     if type(layer) is not nn.Conv2d or layer.stride[0] != layer.stride[1] or layer.stride[0] == 1:
-        return False
+        return None
     plain = layer.groups == 1 and set(layer.dilation) == {1} and not any(layer.padding)
     sizes = (*layer.kernel_size, *pictures.shape[-2:])
-    return plain and all(size % layer.stride[0] == 0 for size in sizes)
+    return layer if plain and all(size % layer.stride[0] == 0 for size in sizes) else None
 
 
 def _in_blocks(pictures: torch.Tensor, edge: int, channels_last: bool) -> torch.Tensor:

@@ -94,8 +94,6 @@ class CartpoleCameraPPORunnerCfg(CartpolePPORunnerCfg):
         entropy_coef=0.005,
         learning_rate=1.0e-4,
         max_learning_rate=2.0e-3,
-        # As many steps of the optimiser in an iteration as in Isaac Lab.
         num_mini_batches=16,
         num_learning_epochs=4,
-        use_mixed_precision=True,
     )
