@@ -76,6 +76,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Before torch is loaded: by default its threads on the CPU wait for each other by spinning. Where others use
         # the cores, too, an update of a small network took twenty times as long by that.
         os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+        # Pictures are written to files. What a notebook or a desktop names here may not be there for matplotlib.
+        os.environ["MPLBACKEND"] = "agg"
     try:
         return _dispatch(args, is_program)
     except BrokenPipeError:  # the program that read the output, such as head, has ended
