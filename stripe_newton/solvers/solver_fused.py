@@ -20,6 +20,7 @@ from .stand_ins import StandIns
 from .step_kernel import StepKernel
 from .step_launcher import StepLauncher
 from .support import why_unsupported
+from .wrench_form import has_wrench_rows
 
 __all__ = ["SolverFused"]
 
@@ -158,6 +159,14 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         if between:
             return f"the fused step{form}, a launch for each physics step because of " + ", ".join(between)
         return f"the fused step{form}, all physics steps of a step in one launch"
+
+    def why_bits_vary(self) -> str:
+        """Reason why two runs may differ in last bits on a GPU; empty if the step gives the same ones each time."""
+        if self.unsupported:
+            return "MuJoCo Warp's threads add forces and list contacts in no fixed order"
+        if has_wrench_rows(self.mj_model):
+            return "models of 33 to 40 degrees of freedom, such as a G1, have given other last bits in some runs"
+        return ""
 
     @property
     def supported_observables(self) -> frozenset[str]:

@@ -160,6 +160,8 @@ def test_a_package_is_imported_by_the_path_of_its_folder(capsys):
     (package / "inner.py").write_text("NUMBER = 17\n")
     said = "outer_folder is a folder without __init__.py, so it has no tasks; did you mean outer_folder/outer_folder?"
     assert said in error_of(capsys, "list", "--import", "outer_folder")
+    assert f"./{said}" in error_of(capsys, "list", "--import", "./outer_folder/").replace("mean ./", "mean ")
+    assert "is no Python file" in error_of(capsys, "list", "--import", "/dev/null")
     sys.modules.pop("outer_folder")
     assert main(["list", "--import", "outer_folder/outer_folder"]) == 0
     assert "imported 17" in capsys.readouterr().out
