@@ -53,6 +53,16 @@ def test_a_class_of_the_user_that_cannot_be_made(evil, capsys, monkeypatch):
         assert f"error: networks and algorithm: {message} (STRIPE_NEWTON_TRACEBACK=1" in capsys.readouterr().err
 
 
+def test_options_and_sweeps_run_no_code(evil, capsys):
+    words = ["train", TASK, "--device", "cpu"]
+    sweep = evil.parent / "sweep.yaml"
+    sweep.write_text("agent.algorithm.class-name: ['evilmod:Model']\n")
+    for more in (["--agent.actor.class-name", "evilmod:Model"], ["--sweep", str(sweep)]):
+        assert main([*words, *more]) == 2
+        assert "class_name: is 'evilmod:Model', of a module that is not trusted" in capsys.readouterr().err
+    assert not evil.exists()
+
+
 def test_a_run_folder_runs_no_code(evil, capsys):
     run = evil.parent / "logs" / "run"
     make_runner(run).learn(1)

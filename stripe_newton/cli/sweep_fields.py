@@ -171,8 +171,8 @@ class _Field:
         cfg = getattr(trial, self._root)
         options = options_of(cfg, self._root)
         setattr(_group_of(options, self._root, self._path), self._path[-1], parsed)
-        apply_options(cfg, options)
         try:
+            apply_options(cfg, options, self._root)
             check(trial)
         except ConfigError as error:
             raise InvalidEntryError(f"{value!r} is rejected: {'; '.join(error.problems)}") from None

@@ -277,3 +277,5 @@ def test_inspect_a_stage_and_a_task(capsys):
 def test_inspect_errors(capsys):
     assert "none.usda: does not exist" in error_of(capsys, "inspect", "none.usda")
     assert "nor is there a file of that name" in error_of(capsys, "inspect", "None-v0")
+    for name, problem in (("/dev/zero", "is a device"), (".", "is a folder"), ("x" * 300, "File name too long")):
+        assert f"{problem}; give a task, or a file of USD, URDF or MJCF" in error_of(capsys, "inspect", name)
