@@ -63,6 +63,13 @@ def test_options_and_sweeps_run_no_code(evil, capsys):
     assert not evil.exists()
 
 
+def test_a_sweep_writes_to_no_place_of_its_own(evil, capsys):
+    sweep = evil.parent / "sweep.yaml"
+    sweep.write_text("env.sim.solver.save-to-mjcf: ['/tmp/elsewhere.xml']\n")
+    assert main(["train", "Stripe-Cartpole-Direct-v0", "--device", "cpu", "--sweep", str(sweep)]) == 2
+    assert "save-to-mjcf: names a place that is written, which no sweep varies" in capsys.readouterr().err
+
+
 def test_a_run_folder_runs_no_code(evil, capsys):
     run = evil.parent / "logs" / "run"
     make_runner(run).learn(1)
