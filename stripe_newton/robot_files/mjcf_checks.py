@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
@@ -11,6 +12,7 @@ from xml.etree.ElementTree import Element
 
 import mujoco
 
+from stripe_newton.input_files import why_no_file
 from stripe_newton.usd.git_lfs import POINTER_REASON, is_pointer
 
 from .error import RobotFileError
@@ -30,6 +32,10 @@ _MAY_BE_INFINITE = {
 """Attributes without an end: ranges. Stiffness, damping, velocities, gravity and all else must be finite."""
 _RANGES = {"range", "ctrlrange", "forcerange", "actuatorfrcrange", "actrange"}
 """Attributes with a least and a greatest value; ``limited`` and the like say whether they hold."""
+_FILES = {"file", "fileright", "fileleft", "fileup", "filedown", "filefront", "fileback"}
+"""Attributes that name files."""
+_ASSET_FOLDERS = ("meshdir", "texturedir", "assetdir")
+"""Attributes of ``<compiler>`` that name the folders of such files."""
 _NOT_READ = {
     "replicate": "copies of a body",
     "attach": "parts of other models",
@@ -48,7 +54,7 @@ def compile_mjcf(path: Path) -> mujoco.MjModel:
     """
     problems: list[str] = []
     roots = [root for _, root in _documents(path, problems)]
-    problems += _pointer_problems(path, roots)
+    problems += _asset_problems(path, roots)
     for root in roots:
         problems += [*_number_problems(root), *_range_problems(root)]
         problems += [*_unread_problems(root), *_ball_problems(root)]
@@ -69,11 +75,11 @@ def _documents(path: Path, problems: list[str]) -> Iterator[tuple[Path, Element]
         if file in seen:
             continue
         seen.add(file)
+        if problem := why_no_file(file):
+            problems.append(f"<include>: '{file}' {problem}")
+            continue
         try:
             root = ElementTree.parse(file).getroot()
-        except FileNotFoundError:
-            problems.append(f"<include>: '{file}' does not exist")
-            continue
         except (ElementTree.ParseError, UnicodeDecodeError) as error:
             problems.append(f"'{file}' is not well-formed XML: {error}")
             continue
@@ -81,16 +87,17 @@ def _documents(path: Path, problems: list[str]) -> Iterator[tuple[Path, Element]
         waiting += [path.parent / name for include in root.iter("include") if (name := include.get("file"))]
 
 
-def _pointer_problems(path: Path, roots: list[Element]) -> Iterator[str]:
-    """Assets that are pointers of git LFS, of which MuJoCo would say that they are no meshes."""
+def _asset_problems(path: Path, roots: list[Element]) -> Iterator[str]:
+    """Files of assets that MuJoCo would wait for or read without end, and pointers of git LFS."""
     compilers = [compiler for root in roots for compiler in root.iter("compiler")]
-    for kind, own in (("mesh", "meshdir"), ("hfield", "meshdir"), ("texture", "texturedir")):
-        folders = [c.get(name, "") for c in compilers for name in (own, "assetdir")]
-        for element in (e for root in roots for e in root.iter(kind) if e.get("file")):
-            for folder in dict.fromkeys(["", *folders]):
-                file = path.parent / folder / element.get("file", "")
-                if file.is_file() and is_pointer(file):
-                    yield f"<{kind}> '{element.get('name') or file.stem}': '{file}' {POINTER_REASON}"
+    folders = dict.fromkeys(["", *(c.get(name, "") for c in compilers for name in _ASSET_FOLDERS)])
+    for element in (e for root in roots for e in root.iter() if e.tag != "include"):
+        for name in (n for key, n in element.attrib.items() if key in _FILES and n):
+            for file in (path.parent / folder / name for folder in folders):
+                if os.path.exists(file) and (
+                    problem := why_no_file(file) or (POINTER_REASON if is_pointer(file) else "")
+                ):
+                    yield f"<{element.tag}> '{element.get('name') or file.stem}': '{file}' {problem}"
                     break
 
 
