@@ -39,7 +39,7 @@ def system_message(error: Exception) -> str | None:
     if error.errno == errno.ENOMEM:
         return f"out of memory: {said}"
     if error.filename is not None and error.errno in _UNWRITABLE:
-        message = cache_message(os.fsdecode(error.filename), error.strerror)
+        message = cache_message(os.fsdecode(error.filename), error.strerror or said)
         if message is not None:
             return message
     place = "" if error.filename is None else f"{os.fsdecode(error.filename)!r}: "

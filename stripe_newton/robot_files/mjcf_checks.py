@@ -94,11 +94,14 @@ def _asset_problems(path: Path, roots: list[Element]) -> Iterator[str]:
     for element in (e for root in roots for e in root.iter() if e.tag != "include"):
         for name in (n for key, n in element.attrib.items() if key in _FILES and n):
             for file in (path.parent / folder / name for folder in folders):
-                if os.path.exists(file) and (
-                    problem := why_no_file(file) or (POINTER_REASON if is_pointer(file) else "")
-                ):
+                if os.path.exists(file) and (problem := _file_problem(file)):
                     yield f"<{element.tag}> '{element.get('name') or file.stem}': '{file}' {problem}"
                     break
+
+
+def _file_problem(file: Path) -> str:
+    """Why a file that is there is not read; empty if it is."""
+    return why_no_file(file) or (POINTER_REASON if is_pointer(file) else "")
 
 
 def _number_problems(root: Element) -> Iterator[str]:
