@@ -43,6 +43,8 @@ def try_folder(path: str | os.PathLike) -> None:
         OSError: if they cannot, with the reason of the system.
     """
     target = _target(path)
+    if target.exists() and not target.is_dir():
+        raise _error(errno.ENOTDIR, path)
     with _folders(target):
         try:
             with tempfile.TemporaryFile(dir=target) as file:

@@ -420,6 +420,26 @@ def _mapping(args: tuple[TypeForm, ...]) -> ValueType:
     return ValueType("a dict" if item is _ANYTHING else f"a dict of {_plural(item)}", fits)
 
 
+def _function(args: tuple[TypeForm, ...]) -> ValueType:
+    """A callable; of as many arguments as an annotation lists."""
+    if not isinstance(args[0], list):
+        return _FUNCTION
+    count = len(args[0])
+    wanted = f"a function or class of {count} argument{'s' * (count != 1)}"
+    return ValueType(wanted, lambda value: callable(value) and _takes(value, count))
+
+
+def _takes(function: Callable[..., object], count: int) -> bool:
+    """Whether a callable can be called with so many arguments, as far as it says which it takes."""
+    try:
+        inspect.signature(function).bind(*[None] * count)
+    except TypeError:
+        return False
+    except ValueError:  # a class or function of native code that does not say
+        return True
+    return True
+
+
 _GENERIC: dict[object, Callable[[tuple[TypeForm, ...]], ValueType]] = {
     Annotated: _annotated,
     Literal: _literal,
@@ -437,7 +457,7 @@ _GENERIC: dict[object, Callable[[tuple[TypeForm, ...]], ValueType]] = {
     collections.abc.Mapping: _mapping,
     collections.abc.MutableMapping: _mapping,
     type: lambda args: _subclass(args[0]),
-    collections.abc.Callable: lambda args: _FUNCTION,
+    collections.abc.Callable: _function,
 }
 """Types of values by the generic that an annotation is made of."""
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import math
+import operator
 import pickle
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -144,3 +147,20 @@ def test_an_object_is_written_as_its_class_and_a_checksum_of_what_it_holds():
     held = cfg.held
     cfg.from_dict(one)
     assert cfg.held is held
+
+
+def test_a_function_takes_as_many_arguments_as_its_annotation_says():
+    @configclass
+    class Calls:
+        law: Callable[[int, int], float] = max
+        anything: Callable[..., float] = max
+
+    class Law:
+        def __init__(self, first: int, second: int, third: int = 0):
+            pass
+
+    for law in (Law, lambda *args: 0.0, math.pow, operator.add, dict.get):
+        Calls(law=law, anything=float).validate()
+    for law in (float, math.sin, lambda a, *, b: 0.0, lambda: 0.0):
+        with pytest.raises(ConfigError, match=r"law: is .*, must be a function or class of 2 arguments"):
+            Calls(law=law).validate()

@@ -62,6 +62,13 @@ def test_what_cannot_be_written_says_why(tmp_path, name, number):
     assert everything(tmp_path) == before
 
 
+@pytest.mark.parametrize("path", ["file", "pipe", "/dev/full"])
+def test_a_file_is_no_folder(tmp_path, path):
+    make_places(tmp_path)
+    with pytest.raises(NotADirectoryError):
+        try_folder(tmp_path / path)
+
+
 def test_a_result_is_written_whole_or_printed(tmp_path, capsys, monkeypatch):
     file = tmp_path / "a" / "result.json"
     write_result("--json", file, "1\n")

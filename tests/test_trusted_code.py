@@ -53,6 +53,23 @@ def test_a_class_of_the_user_that_cannot_be_made(evil, capsys, monkeypatch):
         assert f"error: networks and algorithm: {message} (STRIPE_NEWTON_TRACEBACK=1" in capsys.readouterr().err
 
 
+def test_options_and_sweeps_run_no_code(evil, capsys):
+    words = ["train", TASK, "--device", "cpu"]
+    sweep = evil.parent / "sweep.yaml"
+    sweep.write_text("agent.algorithm.class-name: ['evilmod:Model']\n")
+    for more in (["--agent.actor.class-name", "evilmod:Model"], ["--sweep", str(sweep)]):
+        assert main([*words, *more]) == 2
+        assert "class_name: is 'evilmod:Model', of a module that is not trusted" in capsys.readouterr().err
+    assert not evil.exists()
+
+
+def test_a_sweep_writes_to_no_place_of_its_own(evil, capsys):
+    sweep = evil.parent / "sweep.yaml"
+    sweep.write_text("env.sim.solver.save-to-mjcf: ['/tmp/elsewhere.xml']\n")
+    assert main(["train", "Stripe-Cartpole-Direct-v0", "--device", "cpu", "--sweep", str(sweep)]) == 2
+    assert "save-to-mjcf: names a place that is written, which no sweep varies" in capsys.readouterr().err
+
+
 def test_a_run_folder_runs_no_code(evil, capsys):
     run = evil.parent / "logs" / "run"
     make_runner(run).learn(1)

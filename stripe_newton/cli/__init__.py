@@ -76,6 +76,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Before torch is loaded: by default its threads on the CPU wait for each other by spinning. Where others use
         # the cores, too, an update of a small network took twenty times as long by that.
         os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+        # Pictures are written to files. What a notebook or a desktop names here may not be there for matplotlib.
+        os.environ["MPLBACKEND"] = "agg"
     try:
         return _dispatch(args, is_program)
     except BrokenPipeError:  # the program that read the output, such as head, has ended
@@ -154,8 +156,10 @@ def _dispatch(args: list[str], is_program: bool = False) -> int:
     words = with_flag_values(args[0], args[1:])
     check_early(args[0], words)
     if is_program and args[0] in _SIMULATES:
-        from .kernel_warmup import start_early  # here, as processes run that module as a program
+        from .kernel_cache import check_cache  # here, as is all that only some commands need
+        from .kernel_warmup import start_early  # processes also run that module as a program
 
+        check_cache()
         start_early(device := _device_of(args[0], words))
         from .early_libraries import load_early  # likewise
         from .quick_imports import import_quickly

@@ -58,7 +58,8 @@ def parse(options: type[T], argv: Sequence[str], command: str, **configs: Node) 
         The command's own options.
 
     Raises:
-        ConfigError: for values of configs that are not of the field's type, or out of its range.
+        ConfigError: for values of configs that are not of the field's type, or out of its range, and for names of code
+            that is not trusted.
     """
     # One dataclass for all options, made from the values of the configs, so that help shows them as defaults. A config
     # that no word is about is left out: it takes tyro a second to go through the hundreds of fields of a task.
@@ -68,7 +69,7 @@ def parse(options: type[T], argv: Sequence[str], command: str, **configs: Node) 
     full = dataclasses.make_dataclass("Args", fields, bases=(options,), namespace={"__doc__": options.__doc__})
     args: T = tyro.cli(full, args=argv, prog=f"stripe-newton {command}", config=(tyro.conf.FlagConversionOff,))
     for name, cfg in given.items():
-        apply_options(cfg, getattr(args, name))
+        apply_options(cfg, getattr(args, name), name)
     check_types(*((name, cfg) for name, cfg in configs.items() if is_config(cfg)))
     # As by --device: a device that the command line names must be there, while one of a task's own config need not.
     device = peek(argv, "--env.sim.device")

@@ -52,11 +52,14 @@ def promise(env: RslRlVecEnvWrapper) -> str:
     from stripe_newton.solvers import SolverFused  # here, as it loads Newton, which --help does not need
 
     sim = inner.sim
-    if sim.device != "cpu" and not sim.is_static and not isinstance(sim.solver, SolverFused):
-        raise UserError(
-            f"--deterministic: the physics is {sim.describe_solver()}, whose threads add forces and list contacts in "
-            "no fixed order on a GPU; a model that the fused solver supports, or --device cpu, has one"
-        )
+    if sim.device != "cpu" and not sim.is_static:
+        other = "its threads add forces and list contacts in no fixed order"
+        reason = sim.solver.why_bits_vary() if isinstance(sim.solver, SolverFused) else other
+        if reason:
+            raise UserError(
+                f"--deterministic: the physics is {sim.describe_solver()}; on a GPU {reason}. A model that the fused "
+                "solver supports, or --device cpu, gives the same bits"
+            )
     what = "the same bits in every run and after a resume"
     same = f"with this device, these versions, seed and {env.num_envs} environments"
     return f"deterministic: physics, sensors, rewards and networks give {what}, {same}"

@@ -38,6 +38,8 @@ def run(argv: list[str]) -> int:
     use_one_minibatch(configs.need_agent())
     set_device(configs.env, args.device)
     out = args.out or (folder.exported if folder is not None else checkpoint.parent)
+    if args.out is None and folder is not None:
+        folder.check_links(folder.exported)
     try_place("--out", out, folder=True)
     robot = _request_mjcf(configs.env, out) if args.mjcf else None
     check(configs)

@@ -46,17 +46,27 @@ def options_of(cfg: Node, name: str) -> Options:
     return _options_type(cfg, name)()
 
 
-def apply_options(cfg: Node, options: Options) -> None:
-    """Write the values of ``options``, which :func:`options_of` made and tyro parsed, into ``cfg``."""
+def apply_options(cfg: Node, options: Options, path: str) -> None:
+    """Write the values of ``options``, which :func:`options_of` made and tyro parsed, into ``cfg``.
+
+    Args:
+        cfg: A config, or a dict with string keys.
+        options: The values.
+        path: Path of ``cfg`` in messages, such as ``"env"``.
+
+    Raises:
+        ConfigError: for a name of code that is not trusted. The values may be those of somebody else's sweep.
+    """
     settable = {field.name for field in dataclasses.fields(options)}  # type: ignore[arg-type]
     for name, value in _items(cfg):
         if name not in settable:
             continue
         new = getattr(options, name)
         if _is_node(value):
-            apply_options(value, new)
+            apply_options(value, new, f"{path}.{name}")
         # Only values that changed: a field may have a type that its option cannot express exactly.
         elif not (value is MISSING and new is None) and new != _as_option(value):
+            _check_code(cfg, name, new, f"{path}.{name}")
             _put(cfg, name, new)
 
 
@@ -107,7 +117,7 @@ def _apply_saved(cfg: Node, now: Mapping[str, object], saved: Mapping[str, objec
 
 
 def _check_code(cfg: Node, name: str, value: object, where: str) -> None:
-    """Check that a saved value, which may come from anybody, names no code of somebody else.
+    """Check that a value, which may come from anybody, names no code of somebody else.
 
     Raises:
         ConfigError: if it does.

@@ -17,6 +17,7 @@ import tyro
 
 from stripe_newton.input_files import why_no_file
 from stripe_newton.rl.torch_vector_env import rl_env_of
+from stripe_newton.value_types import short
 
 from .arguments import parse
 from .compile_log import CompileLog
@@ -69,7 +70,7 @@ def run(argv: list[str]) -> int:
         opened = _inspect_task(args.target, configs)
     else:
         args = tyro.cli(InspectArgs, args=argv, prog="stripe-newton inspect")
-        is_file = Path(args.target).suffix.lower() in _SUFFIXES or Path(args.target).is_file()
+        is_file = Path(args.target).suffix.lower() in _SUFFIXES or not why_no_file(args.target)
         _check(args)
         if not is_file:
             _refuse_name(args.target)
@@ -223,6 +224,9 @@ def _refuse_name(name: str) -> NoReturn:
     Raises:
         UserError: with similar names of tasks.
     """
+    problem = why_no_file(name)
+    if problem != "does not exist":
+        raise UserError(f"{short(name)}: {problem}; give a task, or a file of USD, URDF or MJCF")
     try:
         find_task(name)
     except UserError as error:

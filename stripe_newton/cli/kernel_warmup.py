@@ -14,7 +14,6 @@ import hashlib
 import importlib
 import importlib.metadata
 import os
-import platform
 import signal
 import subprocess
 import sys
@@ -24,6 +23,7 @@ from pathlib import Path
 from typing import TextIO
 
 from .end_signals import is_one_of_several
+from .kernel_cache import cache_folder, is_read_only
 
 __all__ = ["MODULES", "compile_modules", "start_early", "warm_up"]
 
@@ -77,27 +77,12 @@ def start_early(device: str | None) -> None:
     if is_one_of_several() or (os.cpu_count() or 1) < 2 or _early is not None:
         return
     guess = device or ("cuda:0" if Path("/proc/driver/nvidia/version").exists() else "cpu")
-    folder = _cache_folder()
+    folder = cache_folder()
     kind = "cpu" if guess == "cpu" else "sm*"
-    if folder is None or any(folder.glob(f"stripe_newton_{_versions()}_{kind}.warm")) or _is_read_only(folder):
+    if folder is None or any(folder.glob(f"stripe_newton_{_versions()}_{kind}.warm")) or is_read_only(folder):
         return
     _early = subprocess.Popen([sys.executable, "-m", "stripe_newton.cli.kernel_warmup", "--all", guess])
     atexit.register(_end_early)
-
-
-def _cache_folder() -> Path | None:
-    """Warp's kernel cache, without importing Warp; None where its place is not known."""
-    version = importlib.metadata.version("warp-lang")
-    if given := os.environ.get("WARP_CACHE_PATH"):
-        return Path(os.path.realpath(given)) / version
-    if platform.system() == "Linux":
-        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "warp" / version
-    return Path.home() / "Library" / "Caches" / "warp" / version if platform.system() == "Darwin" else None
-
-
-def _is_read_only(folder: Path) -> bool:
-    """Whether nothing can be compiled into a cache, as in a container whose cache was filled when it was built."""
-    return folder.exists() and not os.access(folder, os.W_OK)
 
 
 def _end_early() -> None:
@@ -124,7 +109,7 @@ def warm_up(device: str, out: TextIO | None = None) -> bool:
         _early.wait()
     stamp = Path(str(wp.config.kernel_cache_dir)) / f"stripe_newton_{_versions()}_{_architecture(device)}.warm"
     shares = _shares(min(os.cpu_count() or 1, _MOST_WORKERS))
-    if stamp.exists() or len(shares) < 2 or _is_read_only(stamp.parent):
+    if stamp.exists() or len(shares) < 2 or is_read_only(stamp.parent):
         return False
     # Of several commands that start at once one compiles, in as many processes as the machine has room for.
     with hold_cache(stamp.with_suffix(".lock"), "the kernels that every task needs"):

@@ -49,6 +49,8 @@ def run(argv: list[str]) -> int:
     _prepare(args, configs)
     name = f"play_{checkpoint.stem}.mp4" if checkpoint else f"{task}_{args.agent}.mp4"
     path = (folder.videos if folder else Path("videos")) / name
+    if args.viewer == "video" and folder is not None:
+        folder.check_links(folder.videos)
     try_place("video", path if args.viewer == "video" else None)
     env, policy, checkpoints = _env_and_policy(task, args, configs, checkpoint)
     try:

@@ -13,6 +13,7 @@ import tyro
 from stripe_newton.rl.experiments.loaded_runs import CompareError, find_runs
 from stripe_newton.rl.report.report_data import ReportedRun, read_run
 from stripe_newton.rl.report.run_report import REPORT_NAME, write_report
+from stripe_newton.rl.runs.run_folder import RunFolder
 
 from .user_error import UserError
 from .written_places import try_place
@@ -43,6 +44,8 @@ def run(argv: list[str]) -> int:
     except CompareError as error:
         raise UserError(str(error)) from None
     _check_axis(runs, args.x)
+    if args.out is None and len(folders) == 1:
+        RunFolder(folders[0]).check_links(folders[0] / REPORT_NAME)
     out = args.out or (folders[0] / REPORT_NAME if len(folders) == 1 else Path(REPORT_NAME))
     try_place("--out", out)
     try:

@@ -6,16 +6,19 @@ from __future__ import annotations
 import copy
 import dataclasses
 import difflib
+import functools
 import math
 import shlex
 from collections.abc import Mapping
+from typing import cast
 
 import tyro
 
-from stripe_newton.configclass import ConfigError
+from stripe_newton.configclass import ConfigError, is_config
 from stripe_newton.rl.experiments.sweep_cfg import Scalar, Space, words_of
+from stripe_newton.value_types import WRITTEN, annotation_of, has_mark
 
-from .field_options import Options, TypeForm, apply_options, options_of
+from .field_options import Node, Options, TypeForm, apply_options, options_of
 from .run_configs import Configs, check
 
 __all__ = ["InvalidEntryError", "read_space"]
@@ -115,7 +118,8 @@ class _Field:
     """A field of the task's configs, as an option of the command line.
 
     Raises:
-        InvalidEntryError: if there is no such field.
+        InvalidEntryError: if there is no such field, or its value is a place that runs write to. The file of a sweep
+            may be somebody else's.
     """
 
     def __init__(self, name: str, configs: Configs):
@@ -125,6 +129,9 @@ class _Field:
         group = _group_of(options, self._root, self._path)
         self._kind: TypeForm = {item.name: item.type for item in _fields(group)}[self._path[-1]]
         self._value = getattr(group, self._path[-1])
+        cfg = functools.reduce(_part, self._path[:-1], getattr(configs, self._root))
+        if is_config(cfg) and has_mark(annotation_of(type(cfg), self._path[-1]), WRITTEN):
+            raise InvalidEntryError("names a place that is written, which no sweep varies; give it as an option")
 
     def number(self, value: object) -> int | float:
         """An end of a range.
@@ -171,11 +178,17 @@ class _Field:
         cfg = getattr(trial, self._root)
         options = options_of(cfg, self._root)
         setattr(_group_of(options, self._root, self._path), self._path[-1], parsed)
-        apply_options(cfg, options)
         try:
+            apply_options(cfg, options, self._root)
             check(trial)
         except ConfigError as error:
             raise InvalidEntryError(f"{value!r} is rejected: {'; '.join(error.problems)}") from None
+
+
+def _part(cfg: Node, name: str) -> Node:
+    """A config, or a dict, inside another one."""
+    found = cfg[name] if isinstance(cfg, Mapping) else getattr(cfg, name)
+    return cast("Node", found)
 
 
 def _fields(options: Options) -> tuple[dataclasses.Field, ...]:

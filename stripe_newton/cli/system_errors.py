@@ -7,6 +7,7 @@ import errno
 import os
 import re
 
+from .kernel_cache import cache_message
 from .user_error import TRACEBACK
 
 __all__ = ["system_message"]
@@ -15,6 +16,11 @@ _NO_MEMORY = re.compile(
     r"out of memory|can't allocate memory|cannot allocate memory|failed to allocate|not enough memory|bad_alloc", re.I
 )
 """Words of torch and Warp, whose errors about memory are plain RuntimeErrors."""
+_UNWRITABLE = {
+    errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.ENOTDIR, errno.ENOENT, errno.EEXIST,
+    errno.ENAMETOOLONG, errno.ELOOP,
+}  # fmt: skip
+"""Errors of files and folders that cannot be made or written."""
 
 
 def system_message(error: Exception) -> str | None:
@@ -32,5 +38,9 @@ def system_message(error: Exception) -> str | None:
         return None
     if error.errno == errno.ENOMEM:
         return f"out of memory: {said}"
+    if error.filename is not None and error.errno in _UNWRITABLE:
+        message = cache_message(os.fsdecode(error.filename), error.strerror or said)
+        if message is not None:
+            return message
     place = "" if error.filename is None else f"{os.fsdecode(error.filename)!r}: "
     return f"{place}{error.strerror or said or type(error).__name__} ({TRACEBACK}=1 shows the traceback)"

@@ -152,12 +152,21 @@ def _empty_folder(target: str, folder: Path) -> str:
     return f"{target} is a folder without __init__.py, so it has no tasks{hint}"
 
 
+def _no_file(target: str, path: Path) -> str:
+    """What is said of a path that is no file of Python."""
+    if path.is_dir():
+        return _empty_folder(target.rstrip("/"), path)
+    return f"{target} is no Python file: its name ends in .py" if path.exists() else f"{target} does not exist"
+
+
 def _module_and_folder(target: str, where: str) -> tuple[str, Path]:
     """Name of a module, and the folder to look for it in; a path names a file, or a package by its folder."""
     path = Path(target).resolve()
     if "/" in target and (path / "__init__.py").is_file():
         path /= "__init__.py"
     elif not target.endswith(".py"):
+        if "/" in target:
+            raise UserError(f"{where}: {_no_file(target, path)}")
         return target, Path.cwd()
     if not path.is_file():
         raise UserError(f"{where}: {target} does not exist")

@@ -10,6 +10,8 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree
 
+from stripe_newton.input_files import why_no_file
+
 from .file_kind import file_kind
 
 __all__ = ["MeshFiles", "mesh_problem"]
@@ -96,8 +98,8 @@ def _manifest_name(folder: Path) -> str:
 
 def mesh_problem(path: Path) -> str:
     """Reason why a mesh file cannot be read; empty if it can."""
-    if not path.is_file():
-        return f"mesh '{path}' does not exist"
+    if problem := why_no_file(path):
+        return f"mesh '{path}' {problem}"
     if path.suffix.lower() not in _READABLE:
         return f"mesh '{path}' is none of {', '.join(_READABLE)}; convert it"
     kind = file_kind(path)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
@@ -31,8 +32,10 @@ _MAY_BE_INFINITE = {
 """Attributes without an end: ranges. Stiffness, damping, velocities, gravity and all else must be finite."""
 _RANGES = {"range", "ctrlrange", "forcerange", "actuatorfrcrange", "actrange"}
 """Attributes with a least and a greatest value; ``limited`` and the like say whether they hold."""
-_FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture": "texturedir"}
-"""Attribute of ``<compiler>`` for the folder of each kind of asset."""
+_FILES = {"file", "fileright", "fileleft", "fileup", "filedown", "filefront", "fileback"}
+"""Attributes that name files."""
+_ASSET_FOLDERS = ("meshdir", "texturedir", "assetdir")
+"""Attributes of ``<compiler>`` that name the folders of such files."""
 _NOT_READ = {
     "replicate": "copies of a body",
     "attach": "parts of other models",
@@ -72,14 +75,11 @@ def _documents(path: Path, problems: list[str]) -> Iterator[tuple[Path, Element]
         if file in seen:
             continue
         seen.add(file)
-        if file.exists() and (problem := why_no_file(file)):
+        if problem := why_no_file(file):
             problems.append(f"<include>: '{file}' {problem}")
             continue
         try:
             root = ElementTree.parse(file).getroot()
-        except FileNotFoundError:
-            problems.append(f"<include>: '{file}' does not exist")
-            continue
         except (ElementTree.ParseError, UnicodeDecodeError) as error:
             problems.append(f"'{file}' is not well-formed XML: {error}")
             continue
@@ -88,19 +88,20 @@ def _documents(path: Path, problems: list[str]) -> Iterator[tuple[Path, Element]
 
 
 def _asset_problems(path: Path, roots: list[Element]) -> Iterator[str]:
-    """Assets that are pointers of git LFS, which MuJoCo would say are no meshes, or pipes, for which it would wait."""
+    """Files of assets that MuJoCo would wait for or read without end, and pointers of git LFS."""
     compilers = [compiler for root in roots for compiler in root.iter("compiler")]
-    for kind, own in _FOLDERS.items():
-        folders = [c.get(name, "") for c in compilers for name in (own, "assetdir")]
-        for element in (e for root in roots for e in root.iter(kind)):
-            for name in (text for attribute, text in element.attrib.items() if attribute.startswith("file") and text):
-                places = (path.parent / folder / name for folder in dict.fromkeys(["", *folders]))
-                file = next((place for place in places if place.exists()), None)
-                if file is None:
-                    continue
-                problem = why_no_file(file) or (POINTER_REASON if is_pointer(file) else "")
-                if problem:
-                    yield f"<{kind}> '{element.get('name') or file.stem}': '{file}' {problem}"
+    folders = dict.fromkeys(["", *(c.get(name, "") for c in compilers for name in _ASSET_FOLDERS)])
+    for element in (e for root in roots for e in root.iter() if e.tag != "include"):
+        for name in (n for key, n in element.attrib.items() if key in _FILES and n):
+            for file in (path.parent / folder / name for folder in folders):
+                if os.path.exists(file) and (problem := _file_problem(file)):
+                    yield f"<{element.tag}> '{element.get('name') or file.stem}': '{file}' {problem}"
+                    break
+
+
+def _file_problem(file: Path) -> str:
+    """Why a file that is there is not read; empty if it is."""
+    return why_no_file(file) or (POINTER_REASON if is_pointer(file) else "")
 
 
 def _number_problems(root: Element) -> Iterator[str]:

@@ -9,6 +9,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
+from stripe_newton.input_files import why_no_file
+
 from .error import RobotFileError
 from .mesh_files import MeshFiles, mesh_problem
 from .urdf_checks import UNREAD, Row, massless_links, part_problems, urdf_problems, urdf_rows
@@ -114,7 +116,8 @@ def _resolve_texture(material: Element, files: MeshFiles, rows: list[Row]) -> No
         return
     try:
         path = files.find(name)
-        reason = "" if path.is_file() else f"'{path}' does not exist"
+        problem = why_no_file(path)
+        reason = f"'{path}' {problem}" if problem else ""
     except LookupError as error:
         path, reason = Path(name), error.args[0]
     if reason:

@@ -160,6 +160,10 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             return f"the fused step{form}, a launch for each physics step because of " + ", ".join(between)
         return f"the fused step{form}, all physics steps of a step in one launch"
 
+    def why_bits_vary(self) -> str:
+        """Reason why two runs may differ in last bits on a GPU; empty if the step gives the same ones each time."""
+        return "MuJoCo Warp's threads add forces and list contacts in no fixed order" if self.unsupported else ""
+
     @property
     def supported_observables(self) -> frozenset[str]:
         """Observables that the step fills."""

@@ -13,6 +13,7 @@ import numpy as np
 import trimesh
 from pxr import Usd, UsdGeom
 
+from stripe_newton.input_files import why_no_file
 from stripe_newton.usd import open_stage
 
 from .asset_mesh import AssetMesh, Collider, MeshPart
@@ -49,8 +50,8 @@ class _FileMesh(AssetMesh):
         semantic: str = "",
     ):
         self.path = Path(path).expanduser()
-        if not self.path.is_file():
-            raise FileNotFoundError(f"{type(self).__name__}: '{path}' does not exist; give the path of a file")
+        if problem := why_no_file(self.path):
+            raise FileNotFoundError(f"{type(self).__name__}: '{path}' {problem}; give the path of a file")
         if not (np.isfinite(scale) and scale > 0.0):
             raise ValueError(f"{type(self).__name__} '{path}': scale is {scale}, must be positive")
         # Names of prims are identifiers, those of files seldom are.

@@ -18,6 +18,7 @@ from pxr import Usd, UsdGeom
 from stripe_kernels.terrain import TerrainData
 from stripe_newton.assets import TerrainBase, TerrainBaseCfg
 from stripe_newton.configclass import MISSING, configclass
+from stripe_newton.input_files import why_no_file
 from stripe_newton.sim import GroundPlaneCfg, PreviewSurfaceCfg, RigidBodyMaterialCfg
 from stripe_newton.sim.scene_context import authored_path, current_scene
 
@@ -338,8 +339,8 @@ class TerrainImporterCfg(TerrainBaseCfg):
         if self.terrain_type == "usd":
             if self.usd_path is None:
                 yield "usd_path", "is None; terrain_type 'usd' needs a file"
-            elif not Path(self.usd_path).expanduser().is_file():
-                yield "usd_path", f"'{self.usd_path}' does not exist; give the path of a file"
+            elif problem := why_no_file(Path(self.usd_path).expanduser()):
+                yield "usd_path", f"'{self.usd_path}' {problem}; give the path of a file"
 
 
 def found_terrain(stage: Usd.Stage) -> TerrainImporterCfg | None:

@@ -13,5 +13,8 @@ POINTER_REASON = "is a pointer of git LFS, not the file itself; fetch that with 
 
 def is_pointer(path: str | Path) -> bool:
     """Whether a file is a pointer of git LFS, as a clone without git-lfs has it."""
-    with open(path, "rb") as file:
-        return file.read(len(_BEGINNING)) == _BEGINNING
+    try:
+        with open(path, "rb") as file:
+            return file.read(len(_BEGINNING)) == _BEGINNING
+    except OSError as error:  # which has no name if it was raised while reading
+        raise OSError(error.errno, error.strerror, str(path)) from None

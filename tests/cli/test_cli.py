@@ -160,6 +160,8 @@ def test_a_package_is_imported_by_the_path_of_its_folder(capsys):
     (package / "inner.py").write_text("NUMBER = 17\n")
     said = "outer_folder is a folder without __init__.py, so it has no tasks; did you mean outer_folder/outer_folder?"
     assert said in error_of(capsys, "list", "--import", "outer_folder")
+    assert f"./{said}" in error_of(capsys, "list", "--import", "./outer_folder/").replace("mean ./", "mean ")
+    assert "is no Python file" in error_of(capsys, "list", "--import", "/dev/null")
     sys.modules.pop("outer_folder")
     assert main(["list", "--import", "outer_folder/outer_folder"]) == 0
     assert "imported 17" in capsys.readouterr().out
@@ -275,3 +277,5 @@ def test_inspect_a_stage_and_a_task(capsys):
 def test_inspect_errors(capsys):
     assert "none.usda: does not exist" in error_of(capsys, "inspect", "none.usda")
     assert "nor is there a file of that name" in error_of(capsys, "inspect", "None-v0")
+    for name, problem in (("/dev/zero", "is a device"), (".", "is a folder"), ("x" * 300, "File name too long")):
+        assert f"{problem}; give a task, or a file of USD, URDF or MJCF" in error_of(capsys, "inspect", name)

@@ -15,6 +15,7 @@ import torch
 from stripe_newton.cli import determinism
 from stripe_newton.cli.user_error import UserError
 from stripe_newton.rl import find_checkpoint, load_checkpoint
+from stripe_newton.solvers import SolverFused
 from tests.helpers.checkout import PYTHONPATH
 from tools.checks.determinism import differences
 
@@ -44,11 +45,24 @@ def test_what_is_promised_and_what_is_refused(monkeypatch, settings_of_torch):
     assert torch.get_num_threads() == 1
     assert os.environ["CUBLAS_WORKSPACE_CONFIG"] == ":4096:8"
     assert "this device, these versions, seed and 8 environments" in determinism.promise(env_with("cpu", object()))
-    with pytest.raises(UserError, match="--deterministic: the physics is MuJoCo Warp, whose threads add forces"):
+    with pytest.raises(UserError, match="--deterministic: the physics is MuJoCo Warp; on a GPU its threads add forces"):
         determinism.promise(env_with("cuda:0", object()))
     monkeypatch.setattr(determinism, "world", lambda: SimpleNamespace(size=2))
     with pytest.raises(UserError, match="--deterministic: not with --gpus or torchrun"):
         determinism.make_deterministic("cpu")
+
+
+@pytest.mark.parametrize(("unsupported", "refused"), [("", ""), ("a tendon", "MuJoCo Warp's threads add forces")])
+def test_the_fused_solver_promises_what_it_steps_itself(monkeypatch, unsupported, refused):
+    monkeypatch.setattr(determinism, "is_simulated", lambda env: True)
+    solver = object.__new__(SolverFused)
+    solver.unsupported = unsupported
+    assert determinism.promise(env_with("cpu", solver))
+    if not refused:
+        assert determinism.promise(env_with("cuda:0", solver))
+        return
+    with pytest.raises(UserError, match=refused):
+        determinism.promise(env_with("cuda:0", solver))
 
 
 def test_differences():

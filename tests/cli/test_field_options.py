@@ -43,7 +43,7 @@ class Outer:
 
 def parsed(cfg: Outer, line: str = "") -> Outer:
     options = tyro.cli(type(options_of(cfg, "cfg")), args=line.split(), config=(tyro.conf.FlagConversionOff,))
-    apply_options(cfg, options)
+    apply_options(cfg, options, "env")
     return cfg
 
 

@@ -13,6 +13,7 @@ import pytest
 import warp as wp
 
 from stripe_newton.cli import _device_of, kernel_warmup
+from stripe_newton.cli.kernel_cache import cache_folder
 from tests.helpers.checkout import PYTHONPATH
 
 
@@ -29,9 +30,9 @@ def started(monkeypatch):
 
 def test_the_folder_is_that_of_warp(monkeypatch, tmp_path):
     wp.init()
-    assert kernel_warmup._cache_folder() == type(tmp_path)(wp.config.kernel_cache_dir)
+    assert cache_folder() == type(tmp_path)(wp.config.kernel_cache_dir)
     monkeypatch.setenv("WARP_CACHE_PATH", str(tmp_path))
-    assert kernel_warmup._cache_folder() == tmp_path / wp.config.version
+    assert cache_folder() == tmp_path / wp.config.version
 
 
 def test_it_starts_once_and_where_nothing_is_compiled(started, monkeypatch, tmp_path):

@@ -93,6 +93,22 @@ def test_a_mesh_that_is_a_pointer_of_git_lfs_is_named(tmp_path):
         inspect_robot_file(mjcf(tmp_path, rest=rest, body=BODY + '<geom type="mesh" mesh="far"/>'))
 
 
+@pytest.mark.parametrize(
+    ("rest", "message"),
+    [
+        ('<include file="pipe"/>', r"<include>: '.*pipe' is a pipe"),
+        ('<include file="/dev/zero"/>', r"<include>: '/dev/zero' is a device"),
+        ('<asset><hfield name="h" file="pipe"/></asset>', r"<hfield> 'h': '.*pipe' is a pipe"),
+        ('<asset><texture name="t" type="cube" fileup="/dev/zero"/></asset>', r"<texture> 't': '/dev/zero' is a dev"),
+        ('<compiler meshdir=".."/><asset><mesh name="m" file="{folder}/pipe"/></asset>', r"<mesh> 'm': .* is a pipe"),
+    ],
+)
+def test_pipes_and_devices_are_not_read(tmp_path, rest, message):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(RobotFileError, match=message):
+        inspect_robot_file(mjcf(tmp_path, rest=rest.format(folder=tmp_path.name)))
+
+
 def test_a_range_that_does_not_hold_may_be_of_any_kind(tmp_path):
     inspect_robot_file(mjcf(tmp_path, joint='limited="false" range="30 20"'))
 

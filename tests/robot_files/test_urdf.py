@@ -238,6 +238,7 @@ def test_meshes_that_cannot_be_read_are_named(tmp_path, monkeypatch):
     assert gone == f"link 'base': <collision>: mesh '{tmp_path / 'gone.stl'}' does not exist"
     (tmp_path / "far.stl").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 3\n")
     assert "far.stl' is a pointer of git LFS" in refused("far.stl")
+    assert refused("/dev/zero").endswith("mesh '/dev/zero' is a device")
     (tmp_path / "part.step").write_text("ISO-10303-21;")
     assert "part.step' is none of .stl" in refused("part.step")
     (tmp_path / "hand.dae").write_text("<COLLADA/>")

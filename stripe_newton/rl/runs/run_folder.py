@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import re
 import shutil
@@ -207,16 +208,21 @@ class RunFolder:
         except OSError as error:
             raise CheckpointError(f"{self.path}: cannot be locked: {error.strerror or error}") from error
 
-    def check_links(self) -> None:
+    def check_links(self, part: Path | None = None) -> None:
         """Check that what is written below the folder stays there.
 
+        Args:
+            part: A file or folder in it that is written; by default anything may be.
+
         Raises:
-            CheckpointError: for a part of the folder that is a link to another place.
+            CheckpointError: for a file or folder in it that is a link to another place.
         """
         root = self.path.resolve()
-        for part in (self.checkpoints, self.params, self.videos, self.exported):
-            if part.is_symlink() and not part.resolve().is_relative_to(root):
-                raise CheckpointError(f"{part}: is a link to {part.resolve()}, outside of the run folder; remove it")
+        inside = (Path(f, name) for f, *names in os.walk(part or self.path) for name in (*names[0], *names[1]))
+        # Only links are resolved: a long run has thousands of checkpoints.
+        for file in itertools.chain([] if part is None else [part], inside):
+            if file.is_symlink() and not (target := Path(os.path.realpath(file))).is_relative_to(root):
+                raise CheckpointError(f"{file}: is a link to {target}, outside of the run folder; remove it")
 
     def remove_unused(self) -> None:
         """Remove the folder of a run that did not begin, and that of its experiment if it was the only one.

@@ -39,9 +39,9 @@ FILE_KEY = "stripeNewton:file"
 
 
 def _missing(path: str, field: str) -> Iterator[tuple[str, str]]:
-    """The problem of a config whose file does not exist."""
-    if path is not MISSING and not Path(path).expanduser().is_file():
-        yield field, f"'{path}' does not exist; give the path of a file"
+    """The problem of a config whose file is none, or does not exist."""
+    if path is not MISSING and (problem := why_no_file(Path(path).expanduser())):
+        yield field, f"'{path}' {problem}; give the path of a file"
 
 
 def _existing(path: str, field: str) -> Path:

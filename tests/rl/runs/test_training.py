@@ -197,6 +197,23 @@ def test_a_second_training_in_one_folder_is_refused(tmp_path, monkeypatch):
         second.learn()
 
 
+def test_links_of_files_do_not_lead_out_of_a_run(tmp_path):
+    run = make_runner(tmp_path / "run").run_folder
+    make_runner(tmp_path / "run").learn()
+    (run.path / "newest.pt").symlink_to(find_checkpoint(run.path).resolve())
+    run.check_links()
+    for name in ("report.html", "params/system.yaml", "exported/policy.onnx"):
+        (link := run.path / name).parent.mkdir(exist_ok=True)
+        link.unlink(missing_ok=True)
+        link.symlink_to(tmp_path / "precious")
+        with pytest.raises(CheckpointError, match=rf"{name}: is a link to .*precious, outside of the run folder"):
+            find_run(run.path)
+        with pytest.raises(CheckpointError, match=rf"{name}: is a link"):
+            run.check_links(link.parent if "/" in name else link)
+        run.check_links(run.videos)
+        link.unlink()
+
+
 def test_a_run_whose_checkpoints_are_a_link_is_read_and_not_written(tmp_path):
     folder = make_runner(tmp_path / "run").run_folder
     make_runner(tmp_path / "run").learn()

@@ -127,6 +127,7 @@ def written_places(rng: random.Random, count: int) -> Iterator[Case]:
         yield Case("written places", "command", f"{argv[0]} {option} {place[:20]!r}", data, names, may)
 
 
+NO_MODULES = ("folder", "own.txt", "", "..", "1abc", "own;x", "/", "./folder", "/dev/zero", "fifo/", "folder/own")
 MODULES = {
     "syntax": "def f(:\n",
     "name": "undefined_name\n",
@@ -178,7 +179,7 @@ def broken_modules(rng: random.Random, count: int) -> Iterator[Case]:
             argv = [*TRAIN, "--agent.actor.class-name", "own:Model"]
         target = rng.choice(("own.py", "own", "./own.py"))
         if target == "own" and name == "registers nothing":
-            target = rng.choice(("folder", "own.txt", "", "..", "1abc", "own;x", "/"))
+            target = rng.choice(NO_MODULES)
         data = {"argv": [*argv, "--import", target], "files": [RUN, file, ["mkdir", "folder"]]}
         may = name == "registers nothing" or (command == "list" and "Own-v0" in (text or ""))
         names = ["own", target, "Own-v0"] if target else ["--import"]
@@ -219,8 +220,12 @@ FOLDERS = (
 )
 
 
+OPTION_FIELDS = ("agent.actor.class-name", "agent.critic.class-name", "agent.algorithm.class-name")
+SWEPT_PLACES = ("../elsewhere.xml", ABSOLUTE, "logs/x.xml")
+
+
 def foreign_code(rng: random.Random, count: int) -> Iterator[Case]:
-    """Run folders that name foreign classes, and names of folders that lead out of the log folder."""
+    """Foreign classes in run folders, sweeps and options, and names of folders that lead out of the log folder."""
     evil = ["write", "evilmod.py", "open('pwned', 'w').write('x')\nclass Model: pass\n"]
     for _ in range(count):
         if rng.random() < 0.6:
@@ -231,9 +236,17 @@ def foreign_code(rng: random.Random, count: int) -> Iterator[Case]:
             resume = ["train", TASK, "--resume", "run", "--max-iterations", "4", "--final-video", "False"]
             argv = rng.choice((EVAL, PLAY, EXPORT, resume))
             names, what = [value, path.rpartition(".")[2]], f"{argv[0]}: {path} = {value}"
+        elif rng.random() < 0.5:
+            field, value = rng.choice(OPTION_FIELDS), rng.choice(CLASSES)
+            if rng.random() < 0.3:
+                field, value = "env.sim.solver.save-to-mjcf", rng.choice(SWEPT_PLACES)
+            sweeps = rng.random() < 0.5 or field.startswith("env.")
+            files = [RUN, evil, ["write", "sweep.yaml", f"{field}: ['{value}']\n"]]
+            argv = [*TRAIN, "--sweep", "sweep.yaml"] if sweeps else [*TRAIN, f"--{field}={value}"]
+            names, what = [value, field], f"{'sweep' if sweeps else 'option'}: {field} = {value}"
         else:
             option, value = rng.choice(("--agent.experiment-name", "--agent.run-name")), rng.choice(FOLDERS)
             argv, files = [*TRAIN, f"{option}={value}"], [RUN]
             names, what = [option.strip("-"), "experiment_name", "run_name"], f"{option} {value[:20]!r}"
-        data = {"argv": argv, "files": files, "forbidden": ["pwned"], "only_below": ["logs", "run"]}
+        data = {"argv": argv, "files": files, "forbidden": ["pwned"], "only_below": ["logs", "run", "sweep.yaml"]}
         yield Case("foreign code and paths", "command", what, data, names)

@@ -140,6 +140,27 @@ BOMBS = ("aliases", "cycle", "merge", "deep", "deep map", "long", "many", "pytho
 RUN_FILES = ("params/env.yaml", "params/agent.yaml", "params/run.yaml", "metrics.csv", "sweep.yaml", "scene")
 
 
+REFERRING = {
+    "part.xml": ("xml", '<mujoco><include file="part.xml"/><worldbody><geom size="1"/></worldbody></mujoco>'),
+    "part.stl": (
+        "xml",
+        '<mujoco><asset><mesh file="part.stl"/></asset><worldbody><geom type="mesh" mesh="part"/></worldbody></mujoco>',
+    ),
+    "part.png": (
+        "xml",
+        '<mujoco><asset><texture name="part" type="2d" file="part.png"/></asset><worldbody><geom size="1"/></worldbody>'
+        "</mujoco>",
+    ),
+    "part.obj": (
+        "urdf",
+        '<robot name="r"><link name="a"><collision><geometry><mesh filename="part.obj"/></geometry></collision></link>'
+        "</robot>",
+    ),
+    "part.usda": ("usda", '#usda 1.0\ndef Cube "a" (\n    references = @./part.usda@\n)\n{\n}\n'),
+}
+"""Scenes that refer to another file, by the name of that."""
+
+
 def run_files(rng: random.Random, count: int) -> Iterator[Case]:
     """The other files of a run folder, files of sweeps, and scenes: YAML bombs, FIFOs, devices, damage."""
     for _ in range(count):
@@ -162,11 +183,18 @@ def run_files(rng: random.Random, count: int) -> Iterator[Case]:
             scene = f"run/scene.{rng.choice(('usd', 'usda', 'usdc', 'urdf', 'xml', 'usdz'))}"
             files = [["mkdir", "run"], ["write", scene, "x"], ["special", scene, step[2]]]
             argv = ["inspect", scene]
-            if rng.random() < 0.3:
+            if rng.random() < 0.4:
+                part = rng.choice(list(REFERRING))
+                kind, content = REFERRING[part]
+                scene, step = f"run/scene.{kind}", ["special", f"run/{part}", step[2]]
+                files = [["mkdir", "run"], ["write", scene, content], ["write", f"run/{part}", "x"], step]
+                argv, names = ["inspect", scene], [part, *names]
+            elif rng.random() < 0.3:
                 files = [RUN, *files[1:]]
                 argv = [*EVAL[:2], "--checkpoint", ONNX, "--env.scene.scenery", scene, "--device", "cpu"]
         may = file in ("metrics.csv", "params/run.yaml") or step[0] == "bomb"
         may = may or (argv[0] == "compare" and step[2] == "gone")
+        may = may or "/part." in str(step[1])  # a part that is missing may have a row of the report
         data = {"argv": argv, "files": files, "no_sweep": True, "forbidden": ["pwned"]}
         what = f"{argv[0]}: {' '.join(map(str, step))[:80]}"
         yield Case("files of runs and scenes", "command", what, data, names, may)

@@ -109,7 +109,9 @@ ENVIRONMENTS: tuple[dict[str, str | None], ...] = (
     {"XDG_CACHE_HOME": "/dev/null"}, {"CUDA_VISIBLE_DEVICES": ""}, {"CUDA_VISIBLE_DEVICES": "abc"},
     {"OMP_NUM_THREADS": "abc"}, {"WORLD_SIZE": "abc"}, {"WORLD_SIZE": "0"}, {"RANK": "3"}, {"LOCAL_RANK": "x"},
     {"WORLD_SIZE": "2"}, {"WARP_CACHE_PATH": "/dev/null/x"}, {"DISPLAY": ":99"}, {"PYTHONHASHSEED": "1"},
-    {"MPLBACKEND": "nothing"}, {"PYTHONOPTIMIZE": "2"}, {"USER": None, "LOGNAME": None},
+    {"MPLBACKEND": "nothing"}, {"PYTHONOPTIMIZE": "2"}, {"USER": None, "LOGNAME": None}, {"WARP_CACHE_PATH": "/proc"},
+    {"HOME": "/proc/1/x"}, {"HOME": "/dev/null"}, {"XDG_CACHE_HOME": "/proc/x"}, {"MATPLOTLIBRC": "/dev/null/x"},
+    {"PYTHONWARNINGS": "error"}, {"NO_COLOR": "1"}, {"LC_ALL": "xx_YY"}, {"CUBLAS_WORKSPACE_CONFIG": "x"},
 )  # fmt: skip
 OUTPUTS = ("head", "closed", "full", "closed input")
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")

@@ -24,7 +24,7 @@ def try_process(case: dict[str, Any], folder: str) -> tuple[str, str]:
     for name, value in data.get("environ", {}).items():
         if value is None:
             environ.pop(name, None)
-    command = [sys.executable, "-m", "stripe_newton.cli", *data["argv"]]
+    command = [sys.executable, "-m", "stripe_newton", *data["argv"]]
     how = {"closed": 'exec "$@" >&-', "closed input": 'exec "$@" <&-', "full": 'exec "$@" >/dev/full'}
     if data.get("output") in how:
         command = ["sh", "-c", how[data["output"]], "sh", *command]

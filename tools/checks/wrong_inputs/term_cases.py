@@ -44,7 +44,11 @@ CHANGES: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("cfg.events.reset_pole.params['position_range'] = {v}", ("position_range",), ("(1.0, 2.0)",)),
     ("cfg.actions.joint_effort.asset_name = {v}", ("asset_name",), ("'robot'",)),
     ("cfg.actions.joint_effort.joint_names = {v}", ("joint_names",), ("['.*']",)),
-    ("cfg.actions.joint_effort.scale = {v}", ("scale",), ("3", "-1.5", "'1'.count('1')", "True", "{'.*': 1.0}")),
+    (
+        "cfg.actions.joint_effort.scale = {v}",
+        ("scale",),
+        ("3", "-1.5", "'1'.count('1')", "True", "{'.*': 1.0}", "[1.0]"),
+    ),
     ("cfg.observations.policy.pole_pos.scale = {v}", ("scale",), ("3", "'1'.count('1')", "None", "[1.0]")),
     ("cfg.observations.policy.pole_pos.clip = {v}", ("clip",), ("None", "(1.0, 2.0)")),
     ("cfg.observations.policy.history_length = {v}", ("history_length",), ("3", "'1'.count('1')", "None")),
