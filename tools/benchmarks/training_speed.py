@@ -7,7 +7,8 @@
 Networks are 512-256-128; an iteration has 24 steps and 5 epochs of 4 minibatches. ``OUT/training_speed.json`` has the
 numbers, ``OUT/training_speed.md`` the table. Iterations are timed by the clock on the wall from the sixth to the last,
 medians. Their parts are timed after the training, each alone and many times in a row; "the rest" is the time of an
-iteration beyond those parts. ``--kernels`` adds ``OUT/kernels_CASE.md``: kernels of an iteration by their time.
+iteration beyond those parts. ``--kernels`` adds ``OUT/kernels_CASE.md``, the kernels of an iteration by their time, and
+``OUT/kernel_groups.md``, their sums by what they do, with what bounds each.
 """
 
 from __future__ import annotations
@@ -16,12 +17,13 @@ import argparse
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import torch
+from kernel_groups import Kernel, groups_table
 
 from stripe_newton.rl import OnPolicyRunner
 
@@ -80,7 +82,8 @@ def measure(case: str, args: argparse.Namespace) -> Entry:
     if not runner.no_graphs:
         result |= parts(runner, args.device)
         if args.kernels:
-            text = kernels(runner, args.device)
+            result["kernels"] = kernels(runner, args.device)
+            text = kernel_table(result["kernels"])
             (args.out / f"kernels_{folder.name}.md").write_text(text + "\n", encoding="utf-8")
             print(text)
     runner.env.close()
@@ -115,12 +118,11 @@ def parts(runner: OnPolicyRunner, device: str) -> dict[str, float]:
     return found
 
 
-def kernels(runner: OnPolicyRunner, device: str) -> str:
-    """Table of the kernels of an iteration (on the CPU: torch's operations), by their time."""
+def kernels(runner: OnPolicyRunner, device: str) -> dict[str, list[Kernel]]:
+    """Kernels of the parts of an iteration (on the CPU: torch's operations), the longest first."""
     from torch.profiler import ProfilerActivity, profile
 
-    on_gpu = device != "cpu"
-    lines = ["| | us | launches | |", "|---|---:|---:|---|"]
+    on_gpu, result = device != "cpu", dict[str, list[Kernel]]()
     algorithm, obs = runner.alg, runner._rollout.collect()
 
     def update() -> None:
@@ -135,7 +137,14 @@ def kernels(runner: OnPolicyRunner, device: str) -> str:
             wait(device)
         events = found.key_averages()
         rows = [(e.self_device_time_total if on_gpu else e.self_cpu_time_total, e.count, e.key) for e in events]
-        rows = sorted((r for r in rows if r[0] > 0.0), reverse=True)
+        result[part] = sorted((r for r in rows if r[0] > 0.0), reverse=True)
+    return result
+
+
+def kernel_table(found: Mapping[str, Sequence[Kernel]]) -> str:
+    """Table of the longest kernels of an iteration in Markdown."""
+    lines = ["| | us | launches | |", "|---|---:|---:|---|"]
+    for part, rows in found.items():
         lines.append(f"| {part} | {sum(r[0] for r in rows):.0f} | {sum(r[1] for r in rows)} | all |")
         lines += [f"| {part} | {us:.0f} | {count} | `{name[:110]}` |" for us, count, name in rows[:45]]
     return "\n".join(lines)
@@ -195,14 +204,20 @@ def main() -> None:
     parser.add_argument("--device", default="cuda:0")
     parser.add_argument("--kernels", action="store_true", help="table the kernels of an iteration")
     args = parser.parse_args()
-    found = []
+    found, launched = [], dict[str, Mapping[str, Sequence[Kernel]]]()
     for case in args.cases:
         found.append(measure(case, args))
+        if "kernels" in found[-1]:
+            launched[case] = found[-1].pop("kernels")
         print(json.dumps(found[-1]), flush=True)
         args.out.mkdir(parents=True, exist_ok=True)
         (args.out / "training_speed.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     (args.out / "training_speed.md").write_text(table(found) + "\n", encoding="utf-8")
     print(table(found))
+    if launched:
+        groups = groups_table(launched)
+        (args.out / "kernel_groups.md").write_text(groups + "\n", encoding="utf-8")
+        print(groups)
 
 
 if __name__ == "__main__":
