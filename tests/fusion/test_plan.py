@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import pytest
 import warp as wp
 
+from stripe_newton import fusion
 from stripe_newton.fusion import Code, Flag, HostFunction, KernelLaunches, Plan, Section, Stage, code, may_use, only
 from tests.helpers.fusion_terms import silent
 from tests.helpers.manager_world import plan, run, set_reset
@@ -131,3 +133,9 @@ def test_run_without_graph_runs_the_stages_named(cart):
     work.run()
     assert calls == ["barrier", "host", "physics", "host", "barrier"]
     assert values.tolist() == [221.0] * 4
+
+
+def test_former_names_of_items_warn():
+    for old, new in (("Captured", KernelLaunches), ("Eager", HostFunction)):
+        with pytest.warns(DeprecationWarning, match=new.__name__):
+            assert getattr(fusion, old) is new
