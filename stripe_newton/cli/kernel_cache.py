@@ -14,6 +14,8 @@ from .user_error import UserError
 
 __all__ = ["cache_folder", "cache_message", "check_cache", "is_read_only"]
 
+_VARIABLES = ("WARP_CACHE_PATH", "XDG_CACHE_HOME", "HOME")
+"""Environment variables that say where the cache is; the first that is set does."""
 _CURE = "set WARP_CACHE_PATH to a folder that can be"
 
 
@@ -64,5 +66,5 @@ def cache_message(place: str | os.PathLike, reason: str) -> str | None:
     is_on_the_way = folder.is_relative_to(path) and not os.path.isdir(folder)
     if not (is_on_the_way or path.is_relative_to(folder)):
         return None
-    given = [f" ({name}={os.environ[name]})" for name in ("WARP_CACHE_PATH", "XDG_CACHE_HOME") if os.environ.get(name)]
+    given = [f" ({name}={os.environ[name]})" for name in _VARIABLES if os.environ.get(name)]
     return f"the folder of compiled kernels, {folder}{''.join(given[:1])}, cannot be written: {reason}; {_CURE}"

@@ -17,9 +17,9 @@ from stripe_newton.cli.user_error import UserError
 from tests.helpers.checkout import PYTHONPATH
 
 
-@pytest.mark.parametrize("name", ["WARP_CACHE_PATH", "XDG_CACHE_HOME"])
+@pytest.mark.parametrize("name", ["WARP_CACHE_PATH", "XDG_CACHE_HOME", "HOME"])
 def test_a_folder_below_a_file_is_one_line_at_once(name):
-    environment = {k: v for k, v in os.environ.items() if k != "WARP_CACHE_PATH"}
+    environment = {k: v for k, v in os.environ.items() if k not in ("WARP_CACHE_PATH", "XDG_CACHE_HOME")}
     environment |= {"PYTHONPATH": PYTHONPATH, name: "/dev/null"}
     words = ["bench", "Stripe-Cartpole-Direct-v0", "--device", "cpu"]
     command = [sys.executable, "-m", "stripe_newton.cli", *words]
