@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stage loading: time and memory of opening generated stages of many meshes as a scene.
 
-    python tools/benchmarks/stage_loading.py [--meshes 100] [--moving SHARE [--xpbd] | --robot] [--textures jpg]
-                                               [--profile]
+    python tools/benchmarks/stage_loading.py [--meshes 100 1000] [--moving SHARE [--xpbd]] [--robot] [--profile] ...
 
 Each stage is loaded in a process of its own. Each mesh is another one: a convex collider of 26 points. ``--moving`` is
 the share of rigid bodies, such as 0.1, and ``--xpbd`` chooses the XPBD solver. With ``--robot`` the stage is the
