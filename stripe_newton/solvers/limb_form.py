@@ -67,8 +67,6 @@ class LimbForm:
     """Most pairs of a limb with primitives that do not move, but for planes."""
     fields: bool
     """Whether geoms may touch height fields."""
-    most_geoms: int
-    """Most geoms of a limb, with those of the hub that it looks at."""
 
     @classmethod
     def of(cls, model: mujoco.MjModel, pairs: Sequence[ContactPair], losses: bool = False) -> LimbForm | None:
@@ -88,10 +86,9 @@ class LimbForm:
         grounds = tuple(sorted({pair.geom1 for pair in pairs if is_searched(pair)}))
         stills = max(sum(not _is_plane(pairs[p]) and not is_searched(pairs[p]) for p in share) for share in shares)
         fields = any(pair.kind.startswith("FIELD") for pair in pairs)
-        geoms = max(len({_moving_first(model, pairs[p])[0] for p in share}) for share in shares)
         return cls(model, tuple(hub), tuple(map(tuple, limbs)), tuple(map(tuple, shares)), most, losses, planes,
                    grounds if len(grounds) <= _MOST_GROUNDS else (), not all(map(_is_plane, pairs)), stills,
-                   fields, geoms)  # fmt: skip
+                   fields)  # fmt: skip
 
     @property
     def slots(self) -> int:
@@ -154,8 +151,7 @@ class LimbForm:
         return {
             "NSLOTS": self.slots, "LIMB_DOFS": self.limb_dofs, "HUB_DOFS": len(hub_dofs), "HUB_BODIES": len(self.hub),
             "NSTATIC": len(_static_bodies(model)), "HUB_IS_FREE": int(free), "HUB_IS_CHAIN": int(chain),
-            "ALL_HUB": int(moves_all), "LIMB_CONTACTS": min(self.most_hits, max_contacts),
-            "LIMB_GEOMS": max(1, self.most_geoms), "LOSSES": int(self.losses),
+            "ALL_HUB": int(moves_all), "LIMB_CONTACTS": min(self.most_hits, max_contacts), "LOSSES": int(self.losses),
             "NPLANES": len(self.planes), "NGROUNDS": len(self.grounds), "MORE_THAN_PLANES": int(self.other_grounds),
             "MOST_SEARCHES": _MOST_SEARCHES, "MOST_LISTED": _MOST_LISTED,
         }  # fmt: skip

@@ -45,7 +45,7 @@ def find_world(options: KernelOptions, layout: Layout) -> list[str]:
     return [*lines, "const fused::Parameters P{m, id, num_worlds};"]
 
 
-def advance(options: KernelOptions, layout: Layout) -> list[str]:
+def advance(options: KernelOptions) -> list[str]:
     """Source that advances the world by the steps of a launch."""
     contacts, count = ("P.contacts()", "((int*)m.contact_count)[id]") if options.given_contacts else ("0", "0")
     drive = f"[&](int dof, float q, float v) {{ return {drive_explicit_joint.native_func}(id, dof, q, v, drives); }}"
@@ -63,7 +63,6 @@ def advance(options: KernelOptions, layout: Layout) -> list[str]:
         last = ["#if ROWS_OF_DRIVES", *rows_last, "#else", *last, "#endif"]
     return [
         *begin,
-        *(["fused::Known known;"] if layout.is_limbs else []),
         "for (int left = steps; left >= 0; left--) {",
         *(each if "drives" in options.per_step else []),
         "#if HAS_NEWTON",
@@ -72,9 +71,7 @@ def advance(options: KernelOptions, layout: Layout) -> list[str]:
         *(last if has_solver_drives else []),
         "    }",
         "#endif",
-        "    fused::step(w, P, left, lane, known);"
-        if layout.is_limbs
-        else f"    fused::step(w, P, {contacts}, {count}, left, lane);",
+        f"    fused::step(w, P, {contacts}, {count}, left, lane);",
         "}",
         "fused::end_steps(w, fused::fresh(P), lane);",
     ]

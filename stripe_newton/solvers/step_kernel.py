@@ -396,7 +396,7 @@ def _python_source(source: str, options: KernelOptions, layout: Layout) -> str:
             *fields,
             f"@wp.func_native({library!r}.replace({_STRUCT!r}, Arguments.native_name))",
             "def library(): ...",
-            *_kernel("step", advance(options, layout), options, layout, bounds, options.per_step),
+            *_kernel("step", advance(options), options, layout, bounds, options.per_step),
             *([] if layout.is_limbs else _kernel("place", PLACING, options, layout, bounds)),
             "",
         ]

@@ -105,18 +105,11 @@ static void lane_of_world() {
     fused::World& world = worlds_there[at];
     const fused::Parameters P{*arguments, first_world + at, num_worlds};
     fused::begin_steps(world, P, lane);
-#if LIMBS
-    fused::Known known;
-#endif
     for (int left = steps; left >= 0; left--) {
 #if HAS_NEWTON
         if (left == 1) fused::begin_last_step(world, P, lane);
 #endif
-#if LIMBS
-        fused::step(world, P, left, lane, known);
-#else
         fused::step(world, P, 0, 0, left, lane);
-#endif
     }
     fused::end_steps(world, P, lane);
     threadIdx.x = lane_after(own);

@@ -174,30 +174,6 @@ def test_few_worlds_leave_memory_to_the_cache():
     assert not step_kernel.has_few_worlds(8192, 4)
 
 
-def test_geoms_that_come_near_in_a_launch():
-    """One launch of 40 steps, in which lanes leave out geoms that are far away, is 40 launches of one."""
-    model, rng = walker_worlds("floating", 11, MESHES), np.random.default_rng(5)
-    solver = SolverFused(model, njmax=160, nconmax=40, kinematic_switchable_roots=False)
-    solver.triangles = solver.static_triangles = solver.limbs = True
-    emulated, data = emulate(solver, 4), solver.mjw_data
-    start = {name: getattr(data, name).numpy().copy() for name in STATE}
-    start["qpos"][:, 2] += rng.uniform(0.0, 0.3, 11)
-    start["qvel"][:] = rng.normal(size=start["qvel"].shape)
-    start["qvel"][:, 2] = rng.uniform(-6.0, 0.0, 11)
-    found = []
-    for steps in (40, 1):
-        for name, value in start.items():
-            getattr(data, name).assign(value)
-        rows = 0
-        for _ in range(40 // steps):
-            emulated(steps)
-            rows += int(np.count_nonzero(data.nefc.numpy()))
-        found.append({name: getattr(data, name).numpy().copy() for name in STATE})
-    for name, value in found[0].items():
-        np.testing.assert_array_equal(found[1][name], value)
-    assert rows > 100
-
-
 @pytest.mark.parametrize(("name", "lanes"), [("floating", 4), ("planar", 4), ("planar", 32)])
 def test_lanes_read_and_write_newtons_state(name, lanes):
     """Those of a warp copy the rows of all of its worlds, fewer in the last warp, or of one in the general form."""

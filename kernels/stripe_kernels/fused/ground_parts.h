@@ -42,7 +42,6 @@ FN int end_of(int part) {
 // Whether a geom may touch faces, also that of a capsule with its low and its high end, and whether it may touch edges.
 struct Near {
     bool faces, low, high, edges;
-    real clear;  // how far it is at least from where it may, not more than 0 where that is not known [m]
 };
 // Whether a part of it may touch.
 FN bool is_part_near(const Near& near, int part) {
@@ -72,11 +71,10 @@ FN bool is_near_field(const Patch& patch, const Mat& axes, const Cover& c, real 
 // The rows of `axes` are those of the meshes, in whose frame the geom is `at` a point.
 FN Near near_mesh(const Clearance& field, const Mat& axes, Vec at, const Cover& c, real reach) {
     const Vec first = at + axes * c.first, step = axes * c.step;
-    Near near{false, false, false, false, (real)1e6};
+    Near near{false, false, false, false};
     ROLLED for (int i = 0; i < c.count; i++) {
         const Clear clear = clearance_at(field, first + (real)i * step);
         const bool touches = clear.faces <= reach;
-        near.clear = smaller(near.clear, smaller(clear.faces, clear.edges) - reach);
         near.faces |= touches, near.edges |= clear.edges <= reach, near.high = touches;  // the last ball is that of the high end
         if (i == 0) near.low = touches;
     }

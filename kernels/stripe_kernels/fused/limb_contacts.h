@@ -73,12 +73,10 @@ FN Geom plane_of(const World& w, int p) {
     return Geom{load(at) - origin_of(w, geom_body(contact_geom2(p))), Mat{{0, 0, normal.x}, {0, 0, normal.y}, {0, 0, normal.z}}, {0, 0, 0}};
 }
 
-// Radius of a ball around a primitive, or more.
-FN real radius_of(const Geom& a) { return a.size.x + a.size.y + a.size.z; }
-// Whether balls around two primitives do not touch.
+// Whether balls around two primitives, whose radii are at most the sums of their sizes, do not touch.
 FN bool are_far(const Geom& a, const Geom& b, real margin) {
     const Vec d = b.pos - a.pos;
-    const real reach = radius_of(a) + radius_of(b) + margin;
+    const real reach = a.size.x + a.size.y + a.size.z + b.size.x + b.size.y + b.size.z + margin;
     return dot(d, d) > reach * reach;
 }
 
@@ -141,7 +139,7 @@ FN void pair_hits(Hits& hits, int* geoms, Held& h, const World& w, const Paramet
 
 // Contacts of a slot. Returns their number. Pairs of a geom that moves come one after another, and so do its parts on a ground,
 // so that each geom is placed once.
-FN int limb_contacts(LimbContact* found, const World& w, const Parameters& P, const Limb& L, int slot, int& rows, int& overflow, Known&) {
+FN int limb_contacts(LimbContact* found, const World& w, const Parameters& P, const Limb& L, int slot, int& rows, int& overflow) {
     int count = 0;
     const int end = limb_pair_start(slot + 1);
     Held held;

@@ -33,9 +33,9 @@ FN Near near_ground(const OnGround& o, const Parameters& P, int p) {
 #endif
 #if HAS_FIELDS
     const bool near = is_near_field(patch_of(o, P, p), o.axes, c, reach);
-    return Near{near, near, near, near, 0};
+    return Near{near, near, near, near};
 #else
-    return Near{true, true, true, true, 0};
+    return Near{true, true, true, true};
 #endif
 }
 

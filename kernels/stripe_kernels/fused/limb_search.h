@@ -4,15 +4,11 @@
 // Robots differ in what is near them, and a warp takes as long as its busiest lane. So a lane only finds out which geoms of its
 // limb are near, and touches planes: of most robots nothing else is near. The triangles near the other parts of those geoms are
 // shared out over the lanes of the warp: first those are left out whose bounds are not in reach, as there may be hundreds around a
-// round table's foot. The touches of the others are listed, so that the rounds after the first look at them
-// alone. A lane takes the hits of its limb in the order of their parts, so that neither their number nor their order depends on
-// the other lanes.
-//
-// A launch is a few steps, in which little moves far. So a lane keeps how far each geom of its limb is from all that it may touch,
-// and does not look at it again until it has moved as far.
+// round table's foot. The touches of the others are listed, so that the rounds after the first look at them alone. A lane takes the
+// hits of its limb in the order of their parts, so that neither their number nor their order depends on the other lanes.
 //
 // All of a step's code should stay in a multiprocessor's cache for instructions, 128 KB: what does not is fetched again in each
-// step of a launch, which may take longer than to run it. So each piece of this code is there once.
+// step of a launch. So each piece of this code is there once.
 
 #if WARP_SEARCHES
 namespace fused {
@@ -101,68 +97,30 @@ FN void add_touch(PairHits& found, const Touch& h, const Mat& ground_axes, Vec p
     add(found, PairHit{in_world(h, ground_axes, pos), geom, (short)p, (unsigned char)number});
 }
 
-// Hits of a pair of primitives, of which `own` moves. Returns how far they are apart at least, not more than 0 where they may touch.
-FN real add_primitive(PairHits& found, const World& w, const Parameters& P, int p, int number, const Geom& own, int g) {
+// Hits of a pair of primitives, of which `own` moves.
+FN void add_primitive(PairHits& found, const World& w, const Parameters& P, int p, int number, const Geom& own, int g) {
     const int a = contact_geom1(p);
     const bool is_plane = contact_kind(p) <= PLANE_CYLINDER, is_first = g == a;
     const Geom still = is_plane ? plane_of(w, p) : static_geom(w, P, is_first ? contact_geom2(p) : a, geom_body(g));
-    if (!has_both(P, p)) return (real)1e6;
-    const Vec d = own.pos - still.pos;
-    const real away = is_plane ? dot(d, column(still.axes, 2)) : SQRT(dot(d, d)) - radius_of(still);
-    const real margin = margin_of(P, p), clear = away - radius_of(own) - margin;
-    if (clear > (real)1e-4) return clear;
+    if (!is_plane && are_far(still, own, margin_of(P, p))) return;
+    if (!has_both(P, p)) return;
     Hits hits;
-    primitive_hits(hits, p, margin, is_first ? own : still, is_first ? still : own);
+    primitive_hits(hits, p, margin_of(P, p), is_first ? own : still, is_first ? still : own);
     ROLLED for (int i = 0; i < hits.count; i++) add(found, PairHit{hits.hit[i], a, (short)p, (unsigned char)number});
-    return 0;
-}
-
-// Whether a geom of the body `b` has moved less since it was looked at than it was away from all that it may touch. A point at the
-// distance r from the body's origin moves by 2 r at most for each unit that the body's quaternion changes by.
-FN bool is_clear(const Known& o, int k, const World& w, int b) {
-    const Known::Geom& was = o.geom[k];
-    const Vec d = load(w.pos + 3 * b) + origin_of(w, b) - load(was.at);
-    const real* q = w.quat + 4 * b;
-    real turned = 0;
-    UNROLLED for (int i = 0; i < 4; i++) turned += (q[i] - was.turned[i]) * (q[i] - was.turned[i]);
-    return dot(d, d) + 4 * o.reach * o.reach * turned < was.clear;
-}
-// Note where a geom is, and how far it is from all that it may touch.
-FN void note_clear(Known& o, int k, const World& w, const Parameters& P, int g, const Geom& own, real clear) {
-    const int b = geom_body(g);
-    const Vec at = load(w.pos + 3 * b) + origin_of(w, b), from = load(P.geom_pos() + 3 * g);
-    Known::Geom& is = o.geom[k];
-    clear -= (real)1e-4 + (real)1e-6 * (FABS(at.x) + FABS(at.y) + FABS(at.z));  // more than rounding
-    o.reach = larger(o.reach, SQRT(dot(from, from)) + radius_of(own));
-    store(is.at, at), store_quat(is.turned, load_quat(w.quat + 4 * b));
-    is.clear = clear > 0 ? (real)0.5 * clear * clear : 0;
-}
-
-// The geoms of a limb, as bits, that have pairs that are asked for and that are not clear.
-FN unsigned long long geoms_to_look_at(const Known& known, const World& w, int slot, unsigned long long asked) {
-    unsigned long long geoms = 0;
-    const int start = limb_geom_start(slot), first = limb_pair_start(slot), count = limb_geom_start(slot + 1) - start;
-    ROLLED for (int k = 0; k < count; k++) {
-        const int begin = limb_geom_pair(start + k), last = limb_geom_pair(start + k + 1);
-        if (asked >> (begin - first) << (64 - (last - begin)) == 0) continue;
-        if (!is_clear(known, k, w, geom_body(limb_geom(start + k)))) geoms |= 1ull << k;
-    }
-    return geoms;
 }
 
 // Look at those of a limb's pairs that are asked for, geom by geom: add the hits of primitives, and of what is near a plane alone,
 // and prepare the searches for other parts that are near a ground. Returns the pairs of those for which there is no place.
-FN unsigned long long look_at_geoms(PairHits& found, WarpSearches& all, Known& known, const World& w, const Parameters& P, int slot,
+FN unsigned long long look_at_geoms(PairHits& found, WarpSearches& all, const World& w, const Parameters& P, int slot,
                                     unsigned long long asked) {
     unsigned long long without_place = 0;
-    const int first = limb_pair_start(slot), start = limb_geom_start(slot);
-    ROLLED for (unsigned long long geoms = geoms_to_look_at(known, w, slot, asked); geoms; geoms &= geoms - 1) {
-        const int k = start + __ffsll(geoms) - 1;
+    const int first = limb_pair_start(slot), end = limb_geom_start(slot + 1);
+    ROLLED for (int k = limb_geom_start(slot); k < end; k++) {
         const int g = limb_geom(k), begin = limb_geom_pair(k), searched = limb_geom_search(k), last = limb_geom_pair(k + 1);
+        if (asked >> (begin - first) << (64 - (last - begin)) == 0) continue;
         const Geom own = geom_of(w, P, g);
-        real clear = (real)1e6;
         ROLLED for (int t = begin; t < searched; t++)
-            if (asked >> (t - first) & 1) clear = smaller(clear, add_primitive(found, w, P, limb_pair(t), t - first, own, g));
+            if (asked >> (t - first) & 1) add_primitive(found, w, P, limb_pair(t), t - first, own, g);
         ROLLED for (int t = searched, parts; t < last; t += parts) {
             const int p = limb_pair(t);
             parts = limb_parts(t);
@@ -170,7 +128,6 @@ FN unsigned long long look_at_geoms(PairHits& found, WarpSearches& all, Known& k
             const Geom ground = ground_of(w, P, p, geom_body(g));
             const OnGround o = on_ground(ground, own);
             const Near near = near_ground(o, P, p);
-            clear = smaller(clear, near.clear);
             if (!near.faces && !near.edges) continue;
             ROLLED for (int i = t; i < t + parts; i++) {
                 const int q = limb_pair(i);
@@ -194,7 +151,6 @@ FN unsigned long long look_at_geoms(PairHits& found, WarpSearches& all, Known& k
                     without_place |= 1ull << (i - first);
             }
         }
-        note_clear(known, k - start, w, P, g, own, clear);
     }
     return without_place;
 }
@@ -376,8 +332,7 @@ FN void find_hits(PairHits& found, WarpSearches& all, const World& w, const Para
 }
 
 // Contacts of a slot. Returns their number.
-FN int limb_contacts(LimbContact* contacts, const World& w, const Parameters& P, const Limb& L, int slot, int& rows, int& overflow,
-                     Known& known) {
+FN int limb_contacts(LimbContact* contacts, const World& w, const Parameters& P, const Limb& L, int slot, int& rows, int& overflow) {
     const int lane = threadIdx.x % 32, lanes = lanes_of_warp(P);
     PairHit hits[LIMB_CONTACTS ? LIMB_CONTACTS : 1];
     PairHits found{hits, 0, 0};
@@ -386,7 +341,7 @@ FN int limb_contacts(LimbContact* contacts, const World& w, const Parameters& P,
     ROLLED do {
         if (lane == 0) all.count = 0;
         SYNC_WARP();
-        asked = look_at_geoms(found, all, known, w, P, slot, asked);
+        asked = look_at_geoms(found, all, w, P, slot, asked);
         SYNC_WARP();
         const int count = all.count < MOST_SEARCHES ? all.count : MOST_SEARCHES;
         if (count) find_hits(found, all, w, P, count, lane, lanes);

@@ -44,7 +44,7 @@ FN void integrate(World& w, const Parameters& P, const Hub& H, const Limb* limb,
 }
 
 // One of the steps of a launch, of which `left` are left with this one; see `is_last_pass`.
-FN void step(World& w, const Parameters& P, int left, int lane, Known& known) {
+FN void step(World& w, const Parameters& P, const real*, int, int left, int lane) {
     const bool is_last = is_last_pass(w, P, left, lane);
     if (left == 0 && !is_last) return;
     together(P);
@@ -72,7 +72,7 @@ FN void step(World& w, const Parameters& P, int left, int lane, Known& known) {
     for (int l = 0; l < NL; l++) {
         const int slot = slot_of(l, lane);
         rows += limb_dof_parts(limb[l], K.limb[l], w, fresh(P), slot, bias[l], overflow);
-        K.contacts[l] = LIMB_CONTACTS ? limb_contacts(contact[l], w, fresh(P), limb[l], slot, rows, overflow, known) : 0;
+        K.contacts[l] = LIMB_CONTACTS ? limb_contacts(contact[l], w, fresh(P), limb[l], slot, rows, overflow) : 0;
     }
     rows = (int)SUM((real)rows);
     const int overflows = IN_ANY(overflow & OVERFLOW_ROWS) * OVERFLOW_ROWS | IN_ANY(overflow & OVERFLOW_CONTACTS) * OVERFLOW_CONTACTS;

@@ -102,22 +102,6 @@ FN bool any_in_warp(bool holds) { return holds; }
 #else
 #define WARP_SEARCHES 0
 #endif
-
-// What a lane knows from the steps before in a launch: how far geoms of its limb were from all that does not move.
-struct Known {
-#if WARP_SEARCHES
-    struct alignas(16) Geom {
-        real at[3], clear;  // where its body was in the world; twice the square of the gap, 0 where it may touch [m^2]
-        real turned[4];
-    };
-    Geom geom[LIMB_GEOMS];
-    real reach;  // of all of them from the origins of their bodies [m]
-    FN_METHOD Known() : reach(0) {
-        ROLLED for (int k = 0; k < LIMB_GEOMS; k++) geom[k].clear = 0;
-    }
-#endif
-};
-
 // Whether something holds in any lane of this world.
 #define IN_ANY(x) ((BALLOT((x) != 0) & (1u << LANES % 32) - 1) != 0)
 
