@@ -50,7 +50,7 @@ def edit_mjcf(
     root, _ = _load_and_expand_mjcf(str(path.resolve()))
     changed = [default for default in root.findall("default") if default.attrib.pop("class", None) is not None]
     changed += [*empty_frames(root, model), *_open_empty_ranges(root), *_find_assets(root, path)]
-    changed += _size_height_fields(root, model)
+    changed += _write_height_fields(root, model)
     if tendons:
         changed.append(_add_tendons(root, tendons))
         try:
@@ -98,20 +98,24 @@ def _find_assets(root: ElementTree.Element, path: Path) -> list[ElementTree.Elem
     return found
 
 
-def _size_height_fields(root: ElementTree.Element, model: mujoco.MjModel) -> list[ElementTree.Element]:
-    """Write down what height fields have from their files: rows and columns, and the name; returns their elements.
+def _write_height_fields(root: ElementTree.Element, model: mujoco.MjModel) -> list[ElementTree.Element]:
+    """Write down the heights of fields whose files Newton reads otherwise than MuJoCo; returns their elements.
 
-    Newton takes 100 rows and columns where none are given, and leaves a field without a name out.
+    Newton takes 100 rows and columns where none are given, leaves a field without a name out, and reads pictures of
+    16 bits as of 8. MuJoCo makes large ones smaller.
     """
     found = []
     for element in root.iter("hfield"):
         name = element.get("name") or Path(element.get("file", "")).stem
         number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_HFIELD, name)
-        if element.get("file") and number >= 0:
-            element.set("name", name)
-            element.set("nrow", str(int(model.hfield_nrow[number])))
-            element.set("ncol", str(int(model.hfield_ncol[number])))
-            found.append(element)
+        if not element.get("file") or number < 0:
+            continue
+        rows, columns, start = (int(a[number]) for a in (model.hfield_nrow, model.hfield_ncol, model.hfield_adr))
+        heights = model.hfield_data[start : start + rows * columns].reshape(rows, columns)[::-1]  # the first is last
+        del element.attrib["file"]
+        element.attrib |= {"name": name, "nrow": str(rows), "ncol": str(columns)}
+        element.set("elevation", " ".join(f"{height:.9g}" for height in heights.reshape(-1)))
+        found.append(element)
     return found
 
 

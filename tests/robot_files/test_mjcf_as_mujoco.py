@@ -290,11 +290,13 @@ def test_tied_bodies_collide_as_in_mujoco(tmp_path, kind, excluded):
     assert contacts[0] == contacts[1] == int(not excluded)
 
 
-@pytest.mark.parametrize("kind", ["png", "bin"])
-def test_a_height_field_has_the_rows_and_columns_of_its_file(kind: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("kind", "factor"), [("png", 1), ("png", 250), ("bin", 1)])
+def test_a_height_field_has_the_heights_of_its_file(kind: str, factor: int, tmp_path: Path) -> None:
     heights = np.random.default_rng(0).integers(0, 255, (5, 7)).astype(np.uint8)
-    if kind == "png":
-        Image.fromarray(heights).save(tmp_path / "hills.png")
+    if factor > 1:  # a picture of 16 bits
+        heights = heights.astype(np.uint16) * factor
+    if kind != "bin":
+        Image.fromarray(heights).save(tmp_path / f"hills.{kind}")
     else:
         data = heights.astype(np.float32).tobytes()
         (tmp_path / "hills.bin").write_bytes(np.array(heights.shape, dtype=np.int32).tobytes() + data)

