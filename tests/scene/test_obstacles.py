@@ -324,7 +324,8 @@ def test_a_warning_on_request():
         ({"positions": [[0, 0, 0]], "radius": 1.0, "slots": 0}, "slots: is 0"),
         ({"positions": [[0, 0, 0]], "radius": 1.0, "reach": 0.0}, "reach: is 0.0"),
         ({"positions": [[0, 0, 0]] * 3, "radius": 1.0, "capacity": 2}, "capacity: is 2, but there are 3"),
-        ({"positions": [[0, 0, 0]], "source": random_capsules}, "source: is one of source, positions and of_scenery"),
+        ({"positions": [[0, 0, 0]], "source": dict}, "source: is one of source, positions and of_scenery"),
+        ({"source": random_capsules}, "source: is .*, must be a function or class of 0 arguments"),
         ({"positions": [[0, 0, 0]], "radius": 1.0, "sight": 0.5}, "sight: is 0.5, must be at least reach"),
     ],
 )

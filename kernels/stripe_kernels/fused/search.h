@@ -128,7 +128,11 @@ struct Search {
 };
 
 // Whether a searched pair is one with meshes.
-FN bool is_mesh_pair(int p) { return HAS_MESHES && (!HAS_FIELDS || contact_kind(p) >= MESH_SPHERE); }
+#if HAS_MESHES && HAS_FIELDS
+FN bool is_mesh_pair(int p) { return contact_kind(p) >= MESH_SPHERE; }
+#else
+FN bool is_mesh_pair(int) { return HAS_MESHES; }
+#endif
 
 // A touch that was found, of one of the searches; its order is that before there are hits.
 struct Found {
