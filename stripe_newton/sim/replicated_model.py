@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Replicated model: Newton makes it of the first environment's shapes, whose arrays are then repeated for all.
+"""Replicated model: builds Newton's model from the shapes of one environment, and repeats their arrays for the others.
 
 Newton's ``ModelBuilder.finalize`` goes through all shapes ten times, in Python. A quadruped of 75 shapes in 4096
 environments has 300,000 of them, which took half of the time that its scene takes to build. What it finds for a shape

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shared parameters: arrays of a model that are equal in all worlds. The step's kernel reads their first row alone.
+"""Shared parameters: finds the model arrays that are equal in all worlds, of which the kernel reads one row.
 
 A model with a world for each environment has all its arrays by world, about 7 KB of them for a quadruped. Those of
 thousands of worlds fit in no cache of a GPU, and reading them would take longer than computing with them. Mostly few of

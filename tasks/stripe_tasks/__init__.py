@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tasks and scenes built on stripe_newton.
+"""Stripe tasks: registers the tasks and scenes of this package by name.
 
-Importing this package registers them by name and loads nothing heavy: no torch, no Warp.
+Importing it loads nothing heavy: no torch, no Warp.
 """
 
 from stripe_newton.moved_modules import forward_modules

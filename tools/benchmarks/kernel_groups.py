@@ -17,7 +17,7 @@ _GROUPS = {
         "physics": ("step_worlds", "the solver"),
         "terminations, rewards, resets, observations": (
             "^step_|_contacts|finish_log|^reset_|drive_joints|forward_kinematics|eval_articulation|scan_",
-            "latency",
+            "fetching code",
         ),
         "policy, and values of all steps at once": (f"{_PRODUCTS}|elu", "latency"),
         "sampling, storage, checks, sums of episodes": ("", "latency"),

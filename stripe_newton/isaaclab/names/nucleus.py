@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nucleus: the robot or prop that stands for each asset of NVIDIA's server of that name, or why there is none.
+"""Nucleus assets: tables of the robots and props that replace those of NVIDIA's server, and of those with none.
 
 Paths are relative to ``ISAAC_NUCLEUS_DIR``, whose folder ``IsaacLab`` is ``ISAACLAB_NUCLEUS_DIR``. A robot's file from
 elsewhere has other names for its joints and bodies than NVIDIA's: tasks find those of NVIDIA's file, by the tables of

@@ -9,7 +9,7 @@ with stride 4 are 2 by 2 blocks of 48. Memory with the channels last needs no co
 from __future__ import annotations
 
 import os
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import torch
 import warp as wp
@@ -47,10 +47,7 @@ def fast_form(device: torch.device) -> PictureForm:
 
 def picture_latent(model: MLPModel, obs: TensorDict) -> torch.Tensor:
     """``model.get_latent(obs)``, its convolutions in the form of the device."""
-    if not isinstance(model, CNNModel) or type(model).get_latent is not CNNModel.get_latent:
-        return model.get_latent(obs)
-    form = fast_form(obs[model.obs_groups_2d[0]].device)
-    if form == PLAIN:
+    if not _has_convolutions(model) or (form := fast_form(obs[model.obs_groups_2d[0]].device)) == PLAIN:
         return model.get_latent(obs)
     latents = [convolve(model.cnns[group], obs[group], form) for group in model.obs_groups_2d]
     numbers = [MLPModel.get_latent(model, obs)] if model.obs_groups else []
@@ -69,14 +66,18 @@ def sampled_latent(model: MLPModel, stored: TensorDict, indices: torch.Tensor, b
     # rsl_rl keeps pictures apart: they are in none of the groups that other networks have.
     pictures = getattr(model, "obs_groups_2d", ())
     obs = TensorDict({name: stored[name][indices] for name in model.obs_groups}, batch_size=[len(indices)])
-    form = fast_form(indices.device)
-    if not isinstance(model, CNNModel) or type(model).get_latent is not CNNModel.get_latent or form == PLAIN:
+    if not _has_convolutions(model) or (form := fast_form(indices.device)) == PLAIN:
         for name in pictures:
             obs[name] = stored[name][indices]
         return model.get_latent(obs)
     latents = [convolve_rows(model.cnns[name], stored[name], indices, form, bf16) for name in pictures]
     numbers = [MLPModel.get_latent(model, obs)] if model.obs_groups else []
     return torch.cat([*numbers, *latents], dim=-1)
+
+
+def _has_convolutions(model: MLPModel) -> TypeGuard[CNNModel]:
+    """Whether a network sees pictures through rsl_rl's own convolutions."""
+    return isinstance(model, CNNModel) and type(model).get_latent is CNNModel.get_latent
 
 
 def convolve(cnn: nn.Sequential, pictures: torch.Tensor, form: PictureForm) -> torch.Tensor:

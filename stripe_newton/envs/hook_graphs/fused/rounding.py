@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rounding: the orders in which torch's kernels sum, and the products that they fuse with sums, found by trial.
+"""Rounding rules of torch's kernels, found by trial: the order of a reduction, and products fused with sums.
 
 Torch sums the elements of a row in an order that depends on its version, the device and the shape. Each order that
 torch is known to use is written once, for numbers of any kind: with tensors it is compared with what torch gives for
