@@ -74,6 +74,8 @@ class ManagerStages:
         observed = sensor_items(lab.scene, context, "launch_observed")
         final = self._final_observations()
         curriculum = lab.curriculum_manager.update_items()
+        later = [*events, *objects, *record.post_reset_items(), *commands, *curriculum, *observed, *observe]
+        reset += self._sensor_resets(later)
         # The log runs beside the rest: no kernel of this step reads it.
         log = KernelLaunches("log", context.log.finish, concurrent=True, fields=frozenset())
         readers = [*record.post_reset_items(), *commands, *curriculum, *observed, *observe, *actions, *apply]
@@ -93,6 +95,8 @@ class ManagerStages:
             Stage("sensors", observed),
             Stage("observations", observe),
         ]
+        if self.defers_bodies and not self._reads_bodies([item for stage in after_physics for item in stage.items]):
+            lab.sim.leave_bodies()
         return [Stage("actions", actions), Stage("physics", [self._physics(apply)]), *self._counting(after_physics)]
 
     # -- the items of stages
@@ -147,8 +151,21 @@ class ManagerStages:
             # Class terms read the states that the events have set, and the length of the episode that ended.
             *self._reset_classes(),
             self._safety.end_reset(),
-            *sensor_items(lab.scene, context, "launch_reset"),
         ]
+
+    def _sensor_resets(self, later: Sequence[Item]) -> list[Item]:
+        """Launches that reset sensors, beside the rest of the step where that does not read what they write.
+
+        Args:
+            later: The items that run after them.
+        """
+        items, functions = list[Item](), self._context.scope.functions
+        for item in sensor_items(self._lab.scene, self._context, "launch_reset"):
+            if isinstance(item, KernelLaunches) and item.fields is not None:
+                is_read = any(may_use(other, item.fields, functions) for other in later)
+                item = dataclasses.replace(item, concurrent=not is_read)
+            items.append(item)
+        return items
 
     def _default_reset_items(self) -> list[Item]:
         """The item that brings assets to their default state that neither an event nor a pool resets."""
@@ -239,9 +256,13 @@ class ManagerStages:
             return False  # the solver, or Newton's collision pipeline, starts from body poses
         if sim.turns_wrenches:
             return False
+        return not self._reads_bodies(readers)
+
+    def _reads_bodies(self, items: Sequence[Item]) -> bool:
+        """Whether an item may read poses or velocities of bodies, such as those of a root that does not float."""
         all_float = all(a.layout.floating for a in self._lab.scene.articulations.values())
         fields = _BODY_FIELDS if all_float else _BODY_FIELDS | _ROOT_FIELDS
-        return not any(may_use(item, fields, self._context.scope.functions) for item in readers)
+        return any(may_use(item, fields, self._context.scope.functions) for item in items)
 
     def _counting(self, stages: list[Stage]) -> list[Stage]:
         """Let the first host function after the physics count the step: torch terms see a count that includes it."""

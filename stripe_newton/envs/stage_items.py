@@ -36,7 +36,8 @@ def sensor_items(scene: InteractiveScene, context: ManagerContext, when: str) ->
     for name, sensor in scene.sensors.items():
         if when in sensor.measures:
             launch = getattr(sensor, when)
-            items.append(KernelLaunches(name, partial(launch, context.reset) if when == "launch_reset" else launch))
+            function = partial(launch, context.reset) if when == "launch_reset" else launch
+            items.append(KernelLaunches(name, function, fields=sensor.launch_fields))
     return items
 
 

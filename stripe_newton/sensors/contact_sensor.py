@@ -14,6 +14,7 @@ import warp as wp
 from stripe_kernels.sensors import contact as kernels
 from stripe_kernels.sensors.contact_mujoco import CONTACT_FIELDS, add_mujoco_contacts
 from stripe_newton.configclass import ConfigError, configclass
+from stripe_newton.fusion.warp_types import struct_fields
 from stripe_newton.matching import match_names
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
 from stripe_newton.sim.solver_cfg import MuJoCoSolverCfg
@@ -300,6 +301,10 @@ class ContactSensor(SensorBase):
         self._clock.restart(env_mask)
         if self._corruption is not None:
             self._corruption.restart(env_mask)
+
+    @property
+    def launch_fields(self) -> frozenset[str]:
+        return frozenset(struct_fields(kernels.ContactSensorData))
 
     def update(self, dt: float) -> None:
         if not self.every_substep:

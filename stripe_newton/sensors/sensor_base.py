@@ -157,6 +157,11 @@ class SensorBase(PhysicsHook):
     def launch_observed(self) -> None:
         """Measure after forward kinematics of the environments that were reset, before the observations."""
 
+    @property
+    def launch_fields(self) -> frozenset[str] | None:
+        """Fields of structs that terms have, which its launches read or write; None if it may be any field."""
+        return None
+
     # -- another ground in the same scene, see InteractiveScene.regenerate
 
     def why_not_regenerable(self, name: str, ground: int) -> str:

@@ -159,6 +159,7 @@ class Simulation(SimulationParts):
         if self.turns_wrenches:
             self.flush()
         self._forward_pending = False  # the solver computes the bodies from the joints
+        self._bodies_pending = self._leaves_bodies
         if self.roots_moved:
             self.roots_moved = False
             self.notify(newton.ModelFlags.JOINT_PROPERTIES)

@@ -134,7 +134,7 @@ class SimulationParts:
         self._graphs: dict[int, wp.Graph] = {}
         self._finite: FiniteState | None = None
         self.contact_capacity: int | None = None
-        self._forward_pending = False
+        self._forward_pending = self._bodies_pending = self._leaves_bodies = False
 
     @property
     def physics_dt(self) -> float:
@@ -250,6 +250,8 @@ class SimulationParts:
         Add hooks before the first step: a graph that was recorded without one does not run it.
         """
         self.hooks.append(hook)
+        if self._leaves_bodies and _may_read_bodies(hook):
+            self._set_leaves_bodies(False)
 
     def describe_solver(self) -> str:
         """Describe in a line what computes the physics, and why."""
@@ -273,10 +275,13 @@ class SimulationParts:
         return self._state
 
     def flush(self) -> None:
-        """Update the bodies of environments that were reset in the last step, if that was left for later.
+        """Update the bodies of environments that were reset in the last step, or all, if that was left for later.
 
         A step leaves it for later where nothing in it reads the bodies any more: the next physics step computes them.
         """
+        if self._bodies_pending:
+            self._bodies_pending = self._forward_pending = False
+            newton.eval_fk(self.model, self._state.joint_q, self._state.joint_qd, self._state)
         if self._forward_pending:
             self._forward_pending = False
             self.forward_masked()
@@ -296,7 +301,24 @@ class SimulationParts:
 
     def defer_forward(self) -> None:
         """Leave :meth:`forward_masked` to the next reader of :attr:`state`, or to the next step of the physics."""
-        self._forward_pending = True
+        self._forward_pending, self._bodies_pending = True, self._leaves_bodies
+
+    def leave_bodies(self) -> None:
+        """Leave poses and velocities of all bodies to the next reader of :attr:`state`, if the solver can.
+
+        Call it before graphs are recorded, if nothing that they hold reads bodies. Physics steps then do not write
+        them: of the flat quadruped's physics with 32,768 environments this saves 3 %.
+        """
+        joints = self.model.joint_articulation
+        # Forward kinematics goes over articulations alone.
+        follows = joints is not None and bool((joints.numpy() >= 0).all())
+        if isinstance(self.solver, SolverFused) and follows and not any(map(_may_read_bodies, self.hooks)):
+            self._set_leaves_bodies(True)
+
+    def _set_leaves_bodies(self, leaves: bool) -> None:
+        assert isinstance(self.solver, SolverFused)
+        self._leaves_bodies, self.solver.writes_bodies = leaves, not leaves
+        self.recapture()
 
     def forward_masked(self) -> None:
         """Make bodies follow the joints of the articulations in :attr:`articulation_mask`; may be captured."""
@@ -317,3 +339,8 @@ class SimulationParts:
         if self.observables is None or not self.observables.is_requested(name):
             return None
         return getattr(self.observables, name)
+
+
+def _may_read_bodies(hook: PhysicsHook) -> bool:
+    """Whether a hook launches kernels around the physics, which may read poses or velocities of bodies."""
+    return hook.follows_each_step or type(hook).launch_before_steps is not PhysicsHook.launch_before_steps

@@ -36,6 +36,8 @@ class ConvertedState:
     observables: Any
     reads_state: bool = False
     """Whether the state comes from Newton's, rather than from where the last step has left it in MuJoCo's."""
+    writes_bodies: bool = True
+    """Whether poses and velocities of bodies are written."""
 
     @property
     def efforts(self) -> wp.array | None:
@@ -59,7 +61,7 @@ class ConvertedState:
         """Arrays of ``NEWTON_OUT`` that the state has."""
         state = self.state_out
         arrays = {"joint_q_out": state.joint_q, "joint_qd_out": state.joint_qd, "efforts": self.efforts}
-        return arrays | {"body_q": state.body_q, "body_qd": state.body_qd}
+        return arrays | ({"body_q": state.body_q, "body_qd": state.body_qd} if self.writes_bodies else {})
 
 
 @dataclass

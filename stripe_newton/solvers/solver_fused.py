@@ -59,6 +59,8 @@ class SolverFused(newton.solvers.SolverMuJoCo):
         newton_contacts_for: Kinds of pairs because of which contacts are Newton's, to be named in :meth:`describe`.
         has_stale_graphs: Whether graphs that were recorded before must be recorded again, as worlds were found to
             differ in what was the same in all of them, see :meth:`expect_changes`. Who records them sets it to False.
+        writes_bodies: Whether a step that is one launch writes poses and velocities of bodies to the state. Without
+            them the kernel leaves out a pass over the bodies.
     """
 
     def __init__(
@@ -80,6 +82,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             raise ValueError(f"the fused solver does not support {reason}; use SolverMuJoCo")
         self.launcher = StepLauncher(self, model)  # first, as the constructor notifies
         self.has_stale_graphs = False
+        self.writes_bodies = True
         self._call = StepCall()
         self.stand_ins = stand_ins
         with stand_ins.hide(model) if stand_ins is not None else nullcontext():
@@ -332,6 +335,7 @@ class SolverFused(newton.solvers.SolverMuJoCo):
             converted = ConvertedState(state_in, state_out, control, observables)
             self._call = replace(call, state=converted)
             if self._does_all(observables):
+                converted.writes_bodies = self.writes_bodies
                 self._step_in_kernel(converted, contacts, dt)
             else:
                 super().step(state_in, state_out, control, contacts, dt, observables=observables)

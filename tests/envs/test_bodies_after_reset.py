@@ -12,7 +12,8 @@ import warp as wp
 
 from stripe_kernels.data import ArticulationData, CommandData
 from stripe_newton.envs import ManagerBasedRLEnv
-from stripe_newton.managers import ActionTermCfg, CommandTermCfg, ObservationTermCfg
+from stripe_newton.managers import ActionTermCfg, CommandTermCfg, ObservationTermCfg, RewardTermCfg
+from stripe_newton.sim.physics_hook import PhysicsHook
 from stripe_tasks.cartpole.manager_based import CartpoleManagerEnvCfg
 from tests.helpers.manager_world import observation_group
 
@@ -172,3 +173,47 @@ def test_a_mention_in_a_comment_is_no_read(device):
     assert "forward kinematics" not in [what for _, what, _ in env.plan.rows()]
     end_episodes(env)
     torch.testing.assert_close(env.scene["robot"].data.body_quat_w[:, -1], rotation_of_joints(env), rtol=0.0, atol=1e-6)
+
+
+@wp.func
+def by_pole(env: int, robot: ArticulationData) -> float:
+    return wp.transform_get_rotation(robot.body_pose[env, robot.body_pose.shape[1] - 1])[3]
+
+
+@wp.func
+def by_cart(env: int, robot: ArticulationData) -> float:
+    return robot.joint_pos[env, 0]
+
+
+@pytest.mark.parametrize("reads", [False, True])
+def test_bodies_of_every_step_are_there_whether_or_not_a_reward_reads_them(device, reads):
+    """If none of the step reads them, the physics leaves them to who asks."""
+    rewards = {"own": RewardTermCfg(func=by_pole if reads else by_cart, weight=1.0)}
+    env = make(device, {}, rewards=rewards)
+    env.reset(seed=1)
+    kept = wp.to_torch(env.sim.state.body_q)
+    for _ in range(STEPS - 2):
+        env.step(torch.ones(N, 1, device=env.device))
+    untouched = kept.clone()
+    rotation = env.scene["robot"].data.body_quat_w[:, -1]
+    assert torch.equal(kept, untouched) == reads  # a view that was taken before shows them once somebody asked
+    torch.testing.assert_close(rotation, rotation_of_joints(env), rtol=0.0, atol=1e-6)
+    if reads:
+        reward = env.reward_manager.step_reward[:, 0]
+        torch.testing.assert_close(reward, rotation[:, 3], rtol=0.0, atol=1e-6)
+
+
+def test_a_hook_of_the_physics_that_is_added_later_finds_the_bodies(device):
+    class Keep(PhysicsHook):
+        def launch_after_step(self) -> None:
+            wp.copy(kept, bodies)
+
+    env = make(device, {})
+    env.reset(seed=1)
+    bodies = env.sim.state.body_q
+    kept = wp.zeros_like(bodies)
+    env.step(torch.ones(N, 1, device=env.device))  # leaves the bodies
+    env.sim.add_hook(Keep())
+    env.step(torch.ones(N, 1, device=env.device))
+    pole = wp.to_torch(kept).view(N, -1, 7)[:, -1, 3:]
+    torch.testing.assert_close(pole, rotation_of_joints(env), rtol=0.0, atol=1e-6)
