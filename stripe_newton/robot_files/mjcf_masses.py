@@ -16,8 +16,10 @@ __all__ = ["bodies_of_file", "has_medium", "take_compiled_masses"]
 
 _RELATIVE = 1e-4
 """Differences below this share are those of single precision: there the importer's numbers stay."""
-_APART = 1e-4
-"""Share by which moments of inertia that are equal within a tenth of it are set apart in a medium."""
+_APART, _LEAST_APART = 1e-4, 2e-6
+"""Share by which moments of inertia that are equal within a tenth of it are set apart in a medium, and the least."""
+_ROUNDING = 1e-7
+"""Rounding of an inertia, which turns the axes of moments that are a share apart by this over the share [rad]."""
 
 
 def take_compiled_masses(builder: newton.ModelBuilder, first_body: int, model: mujoco.MjModel) -> Iterator[Row]:
@@ -26,8 +28,8 @@ def take_compiled_masses(builder: newton.ModelBuilder, first_body: int, model: m
     The compiler has settings that the importer does not know: ``settotalmass``, ``inertiagrouprange``, ``boundmass``,
     ``balanceinertia``, and how the inertia of a mesh is computed.
 
-    In a medium equal moments are set apart by a hundredth of a per cent. The forces of the medium act along the
-    principal axes, and MuJoCo Warp's axes of a sphere, a cube or a cylinder would be others than those of the file.
+    In a medium equal moments are set apart, by :func:`_share_apart`. The forces of the medium act along the principal
+    axes, and MuJoCo Warp's axes of a sphere, a cube or a cylinder would be others than those of the file.
 
     Args:
         builder: The builder that the file was added to, in its scale and without bodies merged.
@@ -47,12 +49,14 @@ def take_compiled_masses(builder: newton.ModelBuilder, first_body: int, model: m
         axes, moments = rotation.reshape(3, 3), np.array(model.body_inertia[there])
         ambiguous = medium and np.diff(np.sort(moments)).min() < 0.1 * _APART * moments.max()
         if ambiguous:
-            moments *= 1.0 + _APART * np.array([2.0, 1.0, 0.0])
-            why = (
-                f"of equal moments two are made {_APART:.2%} and {2.0 * _APART:.2%} larger: the medium acts along the "
-            )
-            why += "principal axes, and MuJoCo Warp's of equal moments would not be the file's"
-            yield model.body(there).name or f"body {there}", "inertia", why
+            apart = _share_apart(axes, moments)
+            moments *= 1.0 + apart * np.array([2.0, 1.0, 0.0])
+            if apart > 2.0 * _LEAST_APART:
+                why = (
+                    f"of equal moments two are made {100.0 * apart:.1g} % and {200.0 * apart:.1g} % larger: the medium "
+                )
+                why += "acts along the principal axes, and MuJoCo Warp's of equal moments would not be the file's"
+                yield model.body(there).name or f"body {there}", "inertia", why
         inertia = axes @ np.diag(moments) @ axes.T
         own = np.array(builder.body_inertia[body], dtype=float).reshape(3, 3)
         if ambiguous or not (
@@ -64,6 +68,18 @@ def take_compiled_masses(builder: newton.ModelBuilder, first_body: int, model: m
             builder.body_com[body] = wp.vec3(*model.body_ipos[there])
             builder.body_inertia[body] = wp.mat33(*inertia.reshape(-1))
             builder.body_inv_inertia[body] = wp.mat33(*np.linalg.inv(inertia).reshape(-1))
+
+
+def _share_apart(axes: np.ndarray, moments: np.ndarray) -> float:
+    """By how much equal moments are set apart: as rounding turns the axes less, and a thin body keeps its thickness.
+
+    The medium acts on a box of these moments, whose sides are the roots of the sum of two less the third. Rounding
+    turns no axes that are those of the body.
+    """
+    if np.abs(np.abs(axes) - np.abs(axes).round()).max() < 1e-6:
+        return _LEAST_APART
+    thinnest = max(float((moments.sum() - 2.0 * moments).min() / moments.max()), 0.0)
+    return min(max(float(np.sqrt(_ROUNDING * thinnest)), _LEAST_APART), _APART)
 
 
 def has_medium(model: mujoco.MjModel) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 
 from .mjcf import MjcfStart
 from .mjcf_constants import constant_rows
+from .mjcf_masses import has_medium
 from .urdf_checks import Row
 
 __all__ = ["mjcf_rows"]
@@ -39,6 +40,7 @@ def mjcf_rows(
         *_counts(builder, start, model, options),
         *_shortened_tendons(builder, start, model),
         *_filtered_collisions(model),
+        *_fluid_shapes(model),
         *constant_rows(builder, start.shape, model),
     ]
     if options.get("scale", 1.0) == 1.0:
@@ -141,6 +143,16 @@ def _filtered_collisions(model: mujoco.MjModel) -> Iterator[Row]:
         if one[0] & two[1] or two[0] & one[1]:
             why = f"not with its parent '{model.body(parent).name}': MuJoCo would let them, as that one is fixed"
             yield model.body(body).name or f"body {body}", "collisions", why
+
+
+def _fluid_shapes(model: mujoco.MjModel) -> Iterator[Row]:
+    """Shapes with a ``fluidshape``: the medium acts on the box of the inertia of a body that has none."""
+    if not has_medium(model):
+        return
+    why = "not read: the medium acts on the box of its body's inertia, in MuJoCo on ellipsoids around shapes"
+    for geom in np.flatnonzero(model.geom_fluid[:, 0] > 0.0):
+        body = model.body(int(model.geom_bodyid[geom])).name
+        yield model.geom(int(geom)).name or f"a shape of {body}", "fluidshape", why
 
 
 def _joint_differences(builder: newton.ModelBuilder, start: MjcfStart, model: mujoco.MjModel) -> Iterator[Row]:

@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+import newton
 import numpy as np
 import pytest
+from newton.solvers import SolverMuJoCo
 
 from stripe_newton.assets import AssetBaseCfg, file_spawner
-from stripe_newton.robot_files import inspect_robot_file
+from stripe_newton.robot_files import import_robot_file, inspect_robot_file
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
 from stripe_newton.sim import MuJoCoSolverCfg, Simulation, SimulationCfg
 
@@ -52,16 +54,36 @@ def test_a_medium_acts_along_the_file_s_axes(geom: str, tmp_path: Path) -> None:
     scene.close()
 
 
-@pytest.mark.parametrize(("option", "size"), [(MEDIUM, ".1 .1 .1"), (MEDIUM, ".1 .2 .3"), ("", ".1 .1 .1")])
-def test_moments_set_apart_have_a_row(option: str, size: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("option", "box", "share"),
+    [
+        (MEDIUM, 'size=".1 .1 .1" euler="20 30 40"', 2e-4),
+        (MEDIUM, 'size=".1 .1 .1"', 4e-6),
+        (MEDIUM, 'size=".1 .2 .3"', 0.0),
+        ("", 'size=".1 .1 .1"', 0.0),
+    ],
+)
+def test_equal_moments_are_set_apart_no_more_than_needed(option: str, box: str, share: float, tmp_path: Path) -> None:
+    """Where that is more than rounding, with a row."""
     path = tmp_path / "robot.xml"
-    body = f'<body name="box"><freejoint/><geom type="box" size="{size}"/></body>'
+    body = f'<body name="box"><freejoint/><geom type="box" {box}/></body>'
     path.write_text(f"<mujoco>{option}<worldbody>{body}</worldbody></mujoco>")
-    report = inspect_robot_file(path)
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    report = import_robot_file(builder, "mjcf", path, {"ignore_names": ()})
+    moments = np.linalg.eigvalsh(np.array(builder.body_inertia[0], dtype=float).reshape(3, 3))
     expected = np.sort(mujoco.MjModel.from_xml_path(str(path)).body_inertia[1])
-    changed = not np.allclose(np.sort(report.bodies[0].inertia), expected, rtol=1e-6)
-    assert changed == (bool(option) and size == ".1 .1 .1")
-    assert [row[0] for row in report.ignored if row[1] == "inertia"] == (["box"] if changed else [])
+    np.testing.assert_allclose((moments / expected).max() - 1.0, share, atol=1e-6)
+    assert [row[0] for row in report.ignored if row[1] == "inertia"] == (["box"] if share > 1e-5 else [])
+
+
+@pytest.mark.parametrize("option", [MEDIUM, ""])
+def test_a_fluid_shape_has_a_row_in_a_medium(option: str, tmp_path: Path) -> None:
+    path = tmp_path / "robot.xml"
+    shape = '<geom name="wing" type="box" size=".1 .2 .3" fluidshape="ellipsoid"/>'
+    path.write_text(f"<mujoco>{option}<worldbody><body><freejoint/>{shape}</body></worldbody></mujoco>")
+    rows = [row[0] for row in inspect_robot_file(path).ignored if row[1] == "fluidshape"]
+    assert rows == (["wing"] if option else [])
 
 
 def test_rows_of_options(tmp_path: Path) -> None:
@@ -70,7 +92,7 @@ def test_rows_of_options(tmp_path: Path) -> None:
     option = '<option noslip_iterations="3" density="1000"/>'
     path.write_text(f"<mujoco>{option}<worldbody><body>{joint}</body></worldbody></mujoco>")
     rows = {what.partition(" ")[0]: why for _, what, why in inspect_robot_file(path).ignored}
-    assert rows.keys() == {"timestep", "integrator", "noslip_iterations", "inverse", "inertia"}
+    assert rows.keys() == {"timestep", "integrator", "noslip_iterations", "inverse"}
     assert rows["noslip_iterations"].startswith("not read")
 
 
