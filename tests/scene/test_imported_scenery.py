@@ -341,6 +341,21 @@ def test_what_is_only_seen_collides_if_the_config_says_so():
     scene.close()
 
 
+def test_an_arena_of_mujoco_is_a_scenery(tmp_path):
+    path = tmp_path / "arena.xml"
+    floor, robot = '<geom type="box" size="3 3 .1" pos="0 0 .4"/>', '<body><freejoint/><geom size=".1"/></body>'
+    path.write_text(f"<mujoco><worldbody>{floor}{robot}</worldbody></mujoco>")
+    scene = ball_scene(str(path))
+    assert "1 shared collider; the task's ground is left out" in scene.scenery.describe()
+    np.testing.assert_allclose(scene.env_origins[:, 2].numpy(), 0.5, atol=1e-4)
+    rows = [row[2] for report in scene.builder.reports for row in report.ignored]
+    assert any("scenery of an MJCF file stands still" in row for row in rows)
+    scene.close()
+    path.with_suffix(".urdf").write_text("<robot name='a'><link name='a'/></robot>")
+    with pytest.raises(StageError, match=r"is a URDF file; scenery is a USD or MJCF file, and a robot an asset"):
+        ball_scene(str(path.with_suffix(".urdf")))
+
+
 def test_errors_name_the_file_and_what_would_be_right(flat):
     def refused(words: str, **changes: object) -> None:
         cfg = BallSceneCfg(num_envs=2, env_spacing=2.0, **changes)

@@ -45,8 +45,11 @@ def try_file(path: str) -> tuple[str, str, dict[str, Any]]:
     """
     facts: dict[str, Any] = {}
     try:
-        kind = file_kind(path).name
-        facts["kind"] = kind or Path(path).suffix[1:]
+        found = file_kind(path)
+        kind, suffix = found.name, Path(path).suffix.lower()
+        facts["kind"] = kind or suffix[1:]
+        if not kind and suffix in (".xml", ".mjcf", ".urdf"):
+            return "refused", found.description, facts
         scene = file_scene(path, kind)
         try:
             _count(scene, facts)
