@@ -62,8 +62,8 @@ class InteractiveSceneCfg:
     """Distance between neighbouring environments [m]. With 0 all stand at the origin, where float32 is finest. Without
     effect in a scenery, where environments share one world."""
     scenery: str | AssetBaseCfg | None = None
-    """File of a world that somebody else wrote, as the scenery of all environments: USD, such as ``room.usd``, or MJCF, of
-    which what stands still is read. In scenes of a specification, the asset that is made of it."""
+    """File of a world that somebody else wrote, as the scenery of all environments: USD, such as ``room.usd``, or MJCF,
+    of which what stands still is read. In scenes of a specification, the asset that is made of it."""
     scenery_options: SceneryOptionsCfg = SceneryOptionsCfg()
     """Pose and size of the scenery, what becomes of the task's ground, and where robots start."""
     lazy_sensor_update: bool = True
