@@ -11,10 +11,12 @@ turned about the vertical and shifted horizontally so that its anchor is above o
 
 import warp as wp
 
-from ..data import ArticulationData, EpisodeData
+from ..data import ArticulationData
 from ..motion import MotionCommandData
 from ..term_info import Each, writes
-from . import frames, random
+from . import frames
+from .motion_command import resample_motion, update_motion
+from .motion_reference import anchor_error, reference_alignment, reference_pose
 
 __all__ = [
     "bad_anchor_ori",
@@ -41,7 +43,8 @@ __all__ = [
     "update_motion",
 ]
 
-# -- poses of the reference
+
+# -- observations
 
 
 @wp.func
@@ -54,12 +57,6 @@ def _write_two_columns(q: wp.quat, first: int, out: wp.array[float]):
         out[first + 2 * k + 1] = y[k]
 
 
-# -- command
-
-
-# -- observations
-
-
 @writes(3)
 @wp.func
 def motion_anchor_pos_b(env: int, command: MotionCommandData, robot: ArticulationData, out: wp.array[float]):
@@ -70,7 +67,7 @@ def motion_anchor_pos_b(env: int, command: MotionCommandData, robot: Articulatio
     Source: BeyondMimic and mjlab, ``mdp.motion_anchor_pos_b``.
     """
     q = wp.transform_get_rotation(robot.body_pose[env, command.anchor])
-    v = wp.quat_rotate_inv(q, _anchor_error(env, command, robot))
+    v = wp.quat_rotate_inv(q, anchor_error(env, command, robot))
     for k in range(3):
         out[k] = v[k]
 
@@ -136,7 +133,7 @@ def motion_global_anchor_position_error_exp(
 
     Source: BeyondMimic and mjlab, ``mdp.motion_global_anchor_position_error_exp``.
     """
-    return wp.exp(-wp.length_sq(_anchor_error(env, command, robot)) / (std * std))
+    return wp.exp(-wp.length_sq(anchor_error(env, command, robot)) / (std * std))
 
 
 @wp.func
@@ -165,10 +162,10 @@ def motion_relative_body_position_error_exp(
 
     Source: BeyondMimic and mjlab, ``mdp.motion_relative_body_position_error_exp``.
     """
-    align = _alignment(env, command, robot)
+    align = reference_alignment(env, command, robot)
     total = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
-        target = align * _reference_pose(env, command, robot, body_ids[i])
+        target = align * reference_pose(env, command, robot, body_ids[i])
         own = wp.transform_get_translation(robot.body_pose[env, body_ids[i]])
         total += wp.length_sq(wp.transform_get_translation(target) - own)
     return wp.exp(-total / (float(body_ids.shape[0]) * std * std))
@@ -184,7 +181,7 @@ def motion_relative_body_orientation_error_exp(
 
     Source: BeyondMimic and mjlab, ``mdp.motion_relative_body_orientation_error_exp``.
     """
-    turn = wp.transform_get_rotation(_alignment(env, command, robot))
+    turn = wp.transform_get_rotation(reference_alignment(env, command, robot))
     total = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
         target = turn * wp.transform_get_rotation(command.body_pose[command.frame[env], body_ids[i]])
@@ -240,7 +237,7 @@ def bad_anchor_pos(env: int, command: MotionCommandData, robot: ArticulationData
 
     Source: BeyondMimic and mjlab, ``mdp.bad_anchor_pos``.
     """
-    return wp.length(_anchor_error(env, command, robot)) > threshold
+    return wp.length(anchor_error(env, command, robot)) > threshold
 
 
 @wp.func
@@ -251,7 +248,7 @@ def bad_anchor_pos_z_only(env: int, command: MotionCommandData, robot: Articulat
 
     Source: BeyondMimic and mjlab, ``mdp.bad_anchor_pos_z_only``.
     """
-    return wp.abs(_anchor_error(env, command, robot)[2]) > threshold
+    return wp.abs(anchor_error(env, command, robot)[2]) > threshold
 
 
 @wp.func
@@ -278,10 +275,10 @@ def bad_motion_body_pos(
 
     Source: BeyondMimic and mjlab, ``mdp.bad_motion_body_pos``.
     """
-    align = _alignment(env, command, robot)
+    align = reference_alignment(env, command, robot)
     worst = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
-        target = wp.transform_get_translation(align * _reference_pose(env, command, robot, body_ids[i]))
+        target = wp.transform_get_translation(align * reference_pose(env, command, robot, body_ids[i]))
         worst = wp.max(worst, wp.length(target - wp.transform_get_translation(robot.body_pose[env, body_ids[i]])))
     return worst > threshold
 
@@ -296,10 +293,10 @@ def bad_motion_body_pos_z_only(
 
     Source: BeyondMimic and mjlab, ``mdp.bad_motion_body_pos_z_only``.
     """
-    align = _alignment(env, command, robot)
+    align = reference_alignment(env, command, robot)
     worst = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
-        target = wp.transform_get_translation(align * _reference_pose(env, command, robot, body_ids[i]))
+        target = wp.transform_get_translation(align * reference_pose(env, command, robot, body_ids[i]))
         own = wp.transform_get_translation(robot.body_pose[env, body_ids[i]])
         worst = wp.max(worst, wp.abs(target[2] - own[2]))
     return worst > threshold
@@ -327,7 +324,7 @@ def motion_anchor_position_error(env: int, command: MotionCommandData, robot: Ar
 
     Source: mjlab, ``MotionCommand``.
     """
-    return wp.length(_anchor_error(env, command, robot))
+    return wp.length(anchor_error(env, command, robot))
 
 
 @wp.func
@@ -340,10 +337,10 @@ def motion_body_position_error(
 
     Source: mjlab, ``MotionCommand``.
     """
-    align = _alignment(env, command, robot)
+    align = reference_alignment(env, command, robot)
     total = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
-        target = wp.transform_get_translation(align * _reference_pose(env, command, robot, body_ids[i]))
+        target = wp.transform_get_translation(align * reference_pose(env, command, robot, body_ids[i]))
         total += wp.length(target - wp.transform_get_translation(robot.body_pose[env, body_ids[i]]))
     return total / float(body_ids.shape[0])
 
@@ -358,7 +355,7 @@ def motion_body_orientation_error(
 
     Source: mjlab, ``MotionCommand``.
     """
-    turn = wp.transform_get_rotation(_alignment(env, command, robot))
+    turn = wp.transform_get_rotation(reference_alignment(env, command, robot))
     total = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
         target = turn * wp.transform_get_rotation(command.body_pose[command.frame[env], body_ids[i]])
