@@ -13,20 +13,15 @@ from stripe_tasks.robots import HUMANOID_POSITION_CFG
 
 from .manager_based import (
     ROBOT_PATH,
-    TWIST,
-    ActionsCfg,
     BodyNames,
-    CommandsCfg,
-    CurriculumCfg,
-    RewardsCfg,
     RoughSceneCfg,
     VelocityEnvCfg,
     VelocityPPORunnerCfg,
     VelocityRoughEnvCfg,
     VelocityRoughPPORunnerCfg,
     VelocitySceneCfg,
-    joints,
 )
+from .manager_terms import TWIST, ActionsCfg, CommandsCfg, CurriculumCfg, RewardsCfg, joints
 
 __all__ = ["HumanoidFlatEnvCfg", "HumanoidFlatPPORunnerCfg", "HumanoidRoughEnvCfg", "HumanoidRoughPPORunnerCfg"]
 

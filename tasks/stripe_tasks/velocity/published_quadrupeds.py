@@ -25,8 +25,8 @@ from .manager_based import (
     VelocityRoughEnvCfg,
     VelocityRoughPPORunnerCfg,
     VelocitySceneCfg,
-    noise,
 )
+from .manager_terms import noise
 
 __all__ = [
     "AnymalCFlatEnvCfg",
