@@ -110,6 +110,24 @@ def test_post_init_runs_and_can_call_up():
     assert Derived().replace(device="cuda:0").part.mass == 6.0
 
 
+def test_post_init_of_a_later_base_runs():
+    @configclass
+    class Fields:
+        device = "cuda:1"
+
+    @configclass
+    class Heavy(RobotCfg):
+        def __post_init__(self):
+            super().__post_init__()
+            self.part.mass = 6.0
+
+    @configclass
+    class Both(Fields, Heavy):
+        path = "p"
+
+    assert (Both().device, Both().part.mass) == ("cuda:1", 6.0)
+
+
 def test_field_objects_and_fields_without_default():
     @configclass
     class Cfg:
