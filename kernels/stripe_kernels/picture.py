@@ -54,25 +54,35 @@ def sample_offset(sample: int):
 def shade_sample(
     look: Look,
     direction: wp.vec3f,
-    distance: float,
-    shape: wp.uint32,
-    normal: wp.vec3f,
-    packed_albedo: wp.uint32,
+    i: int,
+    depth: wp.array[wp.float32],
+    shape: wp.array[wp.uint32],
+    normal: wp.array[wp.vec3f],
+    albedo: wp.array[wp.uint32],
     colors: wp.array[wp.vec3f],
     is_ground: wp.array[wp.int32],
     casters: wp.array[wp.float32],
-    detail: wp.vec4f,
+    detail: wp.array[wp.vec4f],
 ):
-    """Shade what a ray of the frame's camera found, with the colour of its shape or texture."""
+    """Shade what ray ``i`` of the frame's camera found, with the colour of its shape or texture.
+
+    ``albedo`` is empty if no shape has a texture, ``detail`` if there is no scenery.
+    """
     ground = wp.bool(False)
-    albedo = wp.vec3f(0.75, 0.75, 0.75)
-    if shape < wp.uint32(colors.shape[0]):
-        albedo = colors[wp.int32(shape)]
-        ground = is_ground[wp.int32(shape)] != 0
-    if packed_albedo != wp.uint32(0):
-        albedo = texture_color(packed_albedo)
-    hit = shape != NO_HIT
-    return shade(look, look.eye, direction, distance, hit, normal, albedo, ground, casters, detail)
+    color = wp.vec3f(0.75, 0.75, 0.75)
+    if shape[i] < wp.uint32(colors.shape[0]):
+        color = colors[wp.int32(shape[i])]
+        ground = is_ground[wp.int32(shape[i])] != 0
+    packed = wp.uint32(0)
+    if albedo.shape[0] > 0:
+        packed = albedo[i]
+    if packed != wp.uint32(0):
+        color = texture_color(packed)
+    lit = wp.vec4f(0.0, 0.0, 0.0, 1.0)
+    if detail.shape[0] > 0:
+        lit = detail[i]
+    hit = shape[i] != NO_HIT
+    return shade(look, look.eye, direction, depth[i], hit, normal[i], color, ground, casters, lit)
 
 
 @wp.kernel(enable_backward=False)
@@ -96,23 +106,12 @@ def shade_pixels(
     picture: wp.array[wp.uint8],
     pixels: wp.array[wp.int32],
 ):
-    """Shade one ray through the middle of each listed pixel; one thread a listed pixel.
-
-    ``albedo`` is empty if no shape has a texture, ``detail`` if there is no scenery.
-    """
+    """Shade one ray through the middle of each listed pixel; one thread a listed pixel."""
     pixel = pixels[wp.tid()]
     x = pixel % look.width
     y = pixel // look.width
     direction = sample_direction(look, float(x) + 0.5, float(y) + 0.5)
-    packed = wp.uint32(0)
-    if albedo.shape[0] > 0:
-        packed = albedo[pixel]
-    lit = wp.vec4f(0.0, 0.0, 0.0, 1.0)
-    if detail.shape[0] > 0:
-        lit = detail[pixel]
-    color = shade_sample(
-        look, direction, depth[pixel], shape[pixel], normal[pixel], packed, colors, is_ground, casters, lit
-    )
+    color = shade_sample(look, direction, pixel, depth, shape, normal, albedo, colors, is_ground, casters, detail)
     encode(color, pixel, picture)
 
 
@@ -213,13 +212,7 @@ def resolve_edges(
         i = slot * wp.static(SAMPLES) + sample
         offset = sample_offset(sample)
         direction = sample_direction(look, float(x) + offset[0], float(y) + offset[1])
-        packed = wp.uint32(0)
-        if albedo.shape[0] > 0:
-            packed = albedo[i]
-        lit = wp.vec4f(0.0, 0.0, 0.0, 1.0)
-        if detail.shape[0] > 0:
-            lit = detail[i]
-        total += shade_sample(look, direction, depth[i], shape[i], normal[i], packed, colors, is_ground, casters, lit)
+        total += shade_sample(look, direction, i, depth, shape, normal, albedo, colors, is_ground, casters, detail)
     encode(total / float(wp.static(SAMPLES)), pixel, picture)
 
 
