@@ -12,7 +12,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from stripe_kernels.picture import Look
+from stripe_kernels.picture_light import Look
 from stripe_kernels.sensors import camera as kernels
 from stripe_kernels.sensors.camera_shading import CameraLight
 from stripe_kernels.sensors.camera_shapes import Lens

@@ -14,7 +14,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from stripe_kernels.picture import Look
+from stripe_kernels.picture_light import Look
 from stripe_kernels.sensors import camera_shading as shading
 from stripe_kernels.sensors import camera_shapes as shapes
 from stripe_kernels.sensors.ray_blocks import BLOCK, bound_blocks

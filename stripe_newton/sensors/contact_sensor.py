@@ -17,7 +17,7 @@ from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.fusion.warp_types import struct_fields
 from stripe_newton.matching import match_names
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
-from stripe_newton.sim.solver_cfg import MuJoCoSolverCfg
+from stripe_newton.sim.mujoco_solver_cfg import MuJoCoSolverCfg
 from stripe_newton.solvers import SolverFused
 from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt
 

@@ -37,7 +37,7 @@ from .physics_step import PhysicsStep
 from .replicated_model import finalize_replicated
 from .replication import absent_shapes
 from .reset_mask import ResetMask
-from .solver_cfg import SolverCfg
+from .solver_cfg_base import SolverCfg
 from .static_solver import SolverStatic, complete_state
 
 if TYPE_CHECKING:

@@ -28,18 +28,20 @@ from stripe_newton.sim import MuJoCoSolverCfg
 from stripe_tasks.published_robots import G1_DRIVES, action_scale, g1_cfg
 
 from .manager_based import (
-    TWIST,
     BodyNames,
-    CurriculumCfg,
-    RewardsCfg,
     RoughSceneCfg,
-    RoughTerminationsCfg,
-    TerminationsCfg,
     VelocityEnvCfg,
     VelocityPPORunnerCfg,
     VelocityRoughEnvCfg,
     VelocityRoughPPORunnerCfg,
     VelocitySceneCfg,
+)
+from .manager_terms import (
+    TWIST,
+    CurriculumCfg,
+    RewardsCfg,
+    RoughTerminationsCfg,
+    TerminationsCfg,
     bodies,
     contacts,
     joints,
