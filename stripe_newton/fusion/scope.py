@@ -30,7 +30,7 @@ _CPP = (
     "auto char class const double explicit extern final friend inline int8 long mutable namespace new operator private "
     "protected public register short signed static struct switch template this typename union unsigned virtual void"
 )
-_LOCAL = "env part thread num_envs wp out value total done left due i j k"
+_LOCAL = "env part thread num_envs wp out value total done left due i j k prepare ask ask_rows ask_table lane first_env"
 _RESERVED = {*_CPP.split(), *keyword.kwlist, *_LOCAL.split()}
 """Names that generated source code uses itself, and keywords of Python and of C++, to which Warp translates it."""
 

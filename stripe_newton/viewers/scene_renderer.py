@@ -18,6 +18,7 @@ from .sight_line import SightLine
 from .tracer import Tracer
 from .viewed_simulation import ViewedSimulation
 from .viewer_cfg import ViewerCfg
+from .widening import WideningView
 
 __all__ = ["SceneRenderer"]
 
@@ -109,7 +110,7 @@ class SceneRenderer:
             self._traced = self._traced.replace(fov=fov)
         camera_axes(np.asarray(eye, dtype=float), np.asarray(target, dtype=float))  # raises if they are one point
         self._eye, self._target = np.array(eye, dtype=float), np.array(target, dtype=float)
-        self._is_close_up, self._walls = False, SightLine()
+        self._is_close_up, self._walls, self._widening = False, SightLine(), None
         self._follow(self._movable if follow else self._movable[:0])
 
     def render(self) -> np.ndarray:
@@ -124,9 +125,11 @@ class SceneRenderer:
                 self._scene = self._make_scene()
                 tracer = self._open_tracer = Tracer(self._scene, self._traced, self._lighting)
             poses = self._scene.update()
-            # Following moves copies of eye and target, so that look() and the properties stay what was set.
+            # Copies of eye and target move, so that look() and the properties stay what was set.
             shift = self._shift(poses)
             eye, target = self._eye + shift, self._target + shift
+            if self._widening is not None:
+                eye, target = self._widening.show(self._scene.bounds())
             if self._turns:
                 eye, target = self._behind(poses[self._follow_bodies[0]], eye, target, self._rest + shift)
             elif not self._walls.is_free:
@@ -158,6 +161,7 @@ class SceneRenderer:
         """Set eye, target and what they follow, automatically or as the config says."""
         cfg, scene, self._is_close_up = self.cfg, self._scene, False
         self._walls = SightLine()
+        self._widening: WideningView | None = None
         points = scene.bounds()
         middle = points.mean(axis=0) if len(points) else np.zeros(3)
         self._radius = float(np.linalg.norm(points - middle, axis=1).max(initial=0.0)) or 1.0
@@ -178,6 +182,9 @@ class SceneRenderer:
             self._eye, self._target = min(views, key=lambda view: walls.blocked_until(*view))  # of equal ones the first
             self._follow(followed)
             self._walls = walls
+            if cfg.follow and not len(self._movable) and scene.body_count and len(points):
+                view = (azimuth, elevation, fov, aspect, cfg.margin)
+                self._widening = WideningView(points, view, cfg.follow_time)
             return
         origin, followed = np.zeros(3), self._movable[:0]
         if cfg.origin_type != "world":

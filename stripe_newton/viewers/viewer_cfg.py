@@ -57,10 +57,11 @@ class ViewerCfg:
     """Automatic framing: size of the picture relative to the scene in it."""
 
     follow: bool = True
-    """Automatic framing: move with robots that are not fixed to the ground."""
+    """Automatic framing: move with robots that are not fixed to the ground, and back where a fixed one reaches out of
+    the picture."""
 
     follow_time: float = 8.0
-    """Number of frames over which the motion of the followed robot is smoothed; 0 follows rigidly."""
+    """Number of frames over which the motion of the camera is smoothed; 0 follows rigidly."""
 
     anti_aliasing: bool = True
     """Smooth outlines: pixels on an edge are traced four more times, which takes about a quarter of a frame's time.
