@@ -28,7 +28,7 @@ class GraphBlock:
     replay: Callable[[], None] | None = None
     """Launches the graph; None until it is recorded, and for a host function alone."""
     after: list[Callable[[], None]] = field(default_factory=list)
-    """What the host does after each replay."""
+    """Functions that the host calls after each replay."""
     chooser: ChoicePart | None = None
     """The host function of the block, if it chooses among forms and a graph follows it."""
     following: list[Segment] = field(default_factory=list)

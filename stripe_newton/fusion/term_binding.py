@@ -56,7 +56,7 @@ class TermContext(Protocol):
     termination_names: list[str]
     """Names of the termination terms."""
     problems: list[str]
-    """What is wrong with the config so far, each as ``path: what is wrong, what would be right``."""
+    """Problems of the config so far, each as ``path: what is wrong, what would be right``."""
 
     def entity(self, name: str) -> HasNames:
         """An articulation, rigid object or sensor by name."""

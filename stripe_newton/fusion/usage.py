@@ -123,7 +123,7 @@ class _Reader(ast.NodeVisitor):
         self._unresolved: list[str] = []
 
     def usage(self) -> Usage:
-        """What was collected, together with the usage of the functions that are called."""
+        """The usage that was collected, together with that of the functions that are called."""
         own = Usage(
             frozenset(self._reads),
             frozenset(self._writes),
