@@ -86,7 +86,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class ValueType:
-    """What an annotation allows."""
+    """Type of values, as an annotation allows them."""
 
     text: str
     """In words, such as ``"a number above 0 or None"``."""
@@ -94,7 +94,7 @@ class ValueType:
     """Whether a value is of this type."""
 
     def problem(self, value: object) -> str | None:
-        """What is wrong with a value, and what would be right; None if it fits."""
+        """Problem of a value, and what would be right; None if it fits."""
         if self.fits(value):
             return None
         return f"is {short(value)}, must be {self.text}{_too_large(value)}"
@@ -124,7 +124,7 @@ def short(value: object) -> str:
 
 
 def value_type(kind: TypeForm) -> ValueType:
-    """What an annotation allows."""
+    """The type of values that an annotation allows."""
     try:
         return _cached(kind)
     except TypeError:  # unhashable metadata
@@ -350,7 +350,7 @@ def _class(cls: type) -> ValueType:
 
 
 def mismatches(value: object, kind: TypeForm, path: str = "") -> Iterator[str]:
-    """What does not fit in a nested value, each as ``path: what is wrong, what would be right``.
+    """Problems of a nested value, each as ``path: what is wrong, what would be right``.
 
     Args:
         value: Such as the content of a file.

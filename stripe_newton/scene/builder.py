@@ -89,7 +89,7 @@ class SceneBuilder:
             self._add(name, cfg)
 
     def _configured(self, kind: str | None = None) -> list[tuple[str, Part]]:
-        """What the config names and that is not there yet, of one kind or of all, by name.
+        """Parts that the config names and that are not there yet, of one kind or of all, by name.
 
         Raises:
             ValueError: for a field that is no asset and no sensor, or a name that a field and a dict both have.

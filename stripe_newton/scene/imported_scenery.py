@@ -36,7 +36,7 @@ _ROOM = 0.05
 _NO_COLLIDERS = (0.3, 0.5)
 """Radius and height that an environment without colliders gets [m]."""
 _GROUND = "the task's ground"
-"""What the rows of the report about it are of."""
+"""Name of it in the rows of the report."""
 _FLOOR_SHARE = 0.25
 """Share of its extent that the floors of a stage cover if it brings its own ground."""
 

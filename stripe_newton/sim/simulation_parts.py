@@ -99,7 +99,7 @@ class SimulationParts:
     template: newton.ModelBuilder
     """Builder of one environment, at the origin."""
     newton_contacts_for: tuple[str, ...] = ()
-    """What of the scene asks for Newton's collision detection, to be named in :meth:`describe_solver`."""
+    """Parts of the scene that ask for Newton's collision detection, to be named in :meth:`describe_solver`."""
     body_choices: Sequence[BodyChoice] = ()
     """Bodies that are another asset in each environment."""
     absent_shapes: AbsentShapes | None = None
