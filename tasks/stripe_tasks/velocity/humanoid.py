@@ -102,10 +102,8 @@ class HumanoidActionsCfg(ActionsCfg):
 
 @configclass
 class HumanoidFields:
-    """Fields that both tasks of the humanoid share: actions, commands, the roles of its bodies, the view."""
+    """Fields that both tasks of the humanoid share: the roles of its bodies, and the view."""
 
-    actions: HumanoidActionsCfg = HumanoidActionsCfg()
-    commands: HumanoidCommandsCfg = HumanoidCommandsCfg()
     base: str = "torso"
     feet: BodyNames = ".*_foot"
     falls_on: BodyNames | None = FALLS_ON
@@ -117,6 +115,8 @@ class HumanoidFlatEnvCfg(HumanoidFields, VelocityEnvCfg):
     """Humanoid on a plane: 75 observations, 21 joint positions."""
 
     scene: VelocitySceneCfg = VelocitySceneCfg(num_envs=4096, env_spacing=2.5, robot=ROBOT_CFG)
+    actions: HumanoidActionsCfg = HumanoidActionsCfg()
+    commands: HumanoidCommandsCfg = HumanoidCommandsCfg()
     rewards: HumanoidRewardsCfg = HumanoidRewardsCfg()
 
 
@@ -133,6 +133,8 @@ class HumanoidRoughEnvCfg(HumanoidFields, VelocityRoughEnvCfg):
     """Humanoid on rough ground: 262 observations, 187 of them heights."""
 
     scene: RoughSceneCfg = RoughSceneCfg(num_envs=4096, env_spacing=2.5, robot=ROBOT_CFG)
+    actions: HumanoidActionsCfg = HumanoidActionsCfg()
+    commands: HumanoidCommandsCfg = HumanoidCommandsCfg()
     rewards: HumanoidRoughRewardsCfg = HumanoidRoughRewardsCfg()
     curriculum: HumanoidRoughCurriculumCfg = HumanoidRoughCurriculumCfg()
 
