@@ -28,7 +28,10 @@ struct PairHit {
     short pair;
     unsigned char number;  // of the pair among those of the limb
 };
-enum { MOST_NEAR = 2 * MOST_LISTED };
+enum {
+    MOST_NEAR = 2 * MOST_LISTED,
+    AT_ONCE = 2,  // candidates of a lane whose bounds are loaded together
+};
 // What the lanes of a warp share.
 struct alignas(16) WarpSearches {
     unsigned long long best[MOST_SEARCHES];  // order and number of the best candidate of a round
@@ -51,7 +54,7 @@ struct alignas(16) WarpSearches {
         unsigned short near[MOST_NEAR];      // before: parts that are near, see `PartOfLane`
     };
     union {
-        Candidate queue[64];                 // candidates that may touch
+        Candidate queue[32 * (1 + AT_ONCE)]; // candidates that may touch
         unsigned touched[32];                // before: of each lane, those that have found hits of its pairs
     };
 };
@@ -215,19 +218,6 @@ FN bool touch_of(const Search& s, const Parameters& P, int lane, int thing, bool
 #endif
 }
 
-// A candidate of a search as what may touch. Returns whether its bounds are in reach.
-FN bool may_touch(unsigned& thing, const Search& s, const Parameters& P, int candidate, bool far) {
-    thing = candidate;
-#if HAS_MESHES
-    if (is_mesh_pair(s.pair)) {
-        const Mesh& mesh = mesh_of(P, s.pair);
-        thing = thing_of(s, mesh, candidate);
-        return may_touch(s, mesh, thing, far);
-    }
-#endif
-    return true;
-}
-
 // Number the candidates of all searches that go on and whose touches are not listed, and begin a round of all that go on.
 // Returns the number of candidates.
 FN int begin_round(WarpSearches& all, int count, int lane, int lanes) {
@@ -270,6 +260,42 @@ FN unsigned long long offer(WarpSearches& all, const Parameters& P, Candidate c,
     return key;
 }
 
+// The candidates `i`, `i + lanes` and so on of a round, and which of them may touch: bounds are in reach. Their bounds are loaded
+// together. `k` is the search of the last one.
+FN void find_candidates(Candidate* c, bool* is_one, const WarpSearches& all, const Parameters& P, int count, int candidates, int i,
+                        int end, int lanes, int& k) {
+#if HAS_MESHES
+    MeshBounds bounds[AT_ONCE];
+#endif
+    int which[AT_ONCE];
+    UNROLLED for (int u = 0; u < AT_ONCE; u++, i += lanes) {
+        is_one[u] = false, c[u] = Candidate{0, 0}, which[u] = -1;
+        if (i < candidates) {
+            while (k + 1 < count && all.search[k + 1].start <= i) k++;  // the last that starts there: those before are empty
+            which[u] = i - all.search[k].start;
+            c[u] = Candidate{(unsigned)k, (unsigned)which[u]};
+#if HAS_MESHES
+            const Search& s = all.search[k];
+            if (is_mesh_pair(s.pair)) bounds[u] = bounds_of(s, grid_of(s, mesh_of(P, s.pair)), which[u]);
+#endif
+        } else if (i < end) {
+            c[u] = all.touching[i - candidates];
+            is_one[u] = all.is_listed[c[u].search] && !all.search[c[u].search].ended;
+        }
+    }
+    UNROLLED for (int u = 0; u < AT_ONCE; u++) {
+        if (which[u] < 0) continue;
+        is_one[u] = true;
+#if HAS_MESHES
+        const Search& s = all.search[c[u].search];
+        if (!is_mesh_pair(s.pair)) continue;
+        is_one[u] = may_touch(s, grid_of(s, mesh_of(P, s.pair)), bounds[u], all.far[c[u].search]);
+        const int number = bounds[u].number >> 1;
+        c[u].number = s.kind == BOX_PART ? 2 * number + which[u] % 2 : number;
+#endif
+    }
+}
+
 // Find the touches of a round: of all candidates, which are numbered, and of those that are listed.
 FN void find_touches(WarpSearches& all, const Parameters& P, int count, int candidates, int lane, int lanes) {
     const int listed = all.num_listed < MOST_LISTED ? all.num_listed : MOST_LISTED, end = candidates + listed;
@@ -277,21 +303,15 @@ FN void find_touches(WarpSearches& all, const Parameters& P, int count, int cand
     SYNC_WARP();
     ROLLED for (;;) {
         ROLLED while (queued < lanes && first < end) {
-            const int i = first + lane;
-            Candidate c{0, 0};
-            bool is_one = false;
-            if (i < candidates) {
-                while (k + 1 < count && all.search[k + 1].start <= i) k++;  // the last that starts there: those before are empty
-                unsigned thing;
-                is_one = may_touch(thing, all.search[k], P, i - all.search[k].start, all.far[k]);
-                c = Candidate{(unsigned)k, thing};
-            } else if (i < end) {
-                c = all.touching[i - candidates];
-                is_one = all.is_listed[c.search] && !all.search[c.search].ended;
+            Candidate c[AT_ONCE];
+            bool is_one[AT_ONCE];
+            find_candidates(c, is_one, all, P, count, candidates, first + lane, end, lanes, k);
+            UNROLLED for (int u = 0; u < AT_ONCE; u++) {
+                const unsigned votes = __ballot_sync(0xffffffffu, is_one[u]);
+                if (is_one[u]) all.queue[queued + __popc(votes & (1u << lane) - 1)] = c[u];
+                queued += __popc(votes);
             }
-            const unsigned votes = __ballot_sync(0xffffffffu, is_one);
-            if (is_one) all.queue[queued + __popc(votes & (1u << lane) - 1)] = c;
-            queued += __popc(votes), first += lanes;
+            first += AT_ONCE * lanes;
             SYNC_WARP();
         }
         if (!queued) break;

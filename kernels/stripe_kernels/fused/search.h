@@ -55,6 +55,9 @@ struct Grid {
     const int* items;   // numbers of the faces or edges, cell by cell
     const void* things; // MeshFace or MeshEdge
     const int* planes;  // of each cell a face for whose plane all of its faces may be taken, or -1; none for edges
+    const void* bounds; // MeshBounds of each item
+    float units_per_metre;  // of bounds
+    int none;
 };
 // A grid of distances to the nearest face and the nearest edge, as in mesh_grid.py: the centre of a cell is not nearer to one
 // than the cell says.
