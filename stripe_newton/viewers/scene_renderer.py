@@ -47,6 +47,9 @@ class SceneRenderer:
         ValueError: ``cfg.asset_name`` matches no body.
     """
 
+    _widening: WideningView | None
+    """View that moves back where a fixed robot reaches out of the picture; None for other cameras."""
+
     def __init__(self, sim: ViewedSimulation, cfg: ViewerCfg, env_ids: Sequence[int] | None = None):
         cfg.validate()
         is_gpu = wp.get_device(sim.device).is_cuda
@@ -161,7 +164,7 @@ class SceneRenderer:
         """Set eye, target and what they follow, automatically or as the config says."""
         cfg, scene, self._is_close_up = self.cfg, self._scene, False
         self._walls = SightLine()
-        self._widening: WideningView | None = None
+        self._widening = None
         points = scene.bounds()
         middle = points.mean(axis=0) if len(points) else np.zeros(3)
         self._radius = float(np.linalg.norm(points - middle, axis=1).max(initial=0.0)) or 1.0
