@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, overload
 
 import newton
 import warp as wp
-from pxr import Usd, UsdGeom
+from pxr import Usd
 
 from stripe_newton.assets import (
     Articulation,
@@ -27,13 +26,11 @@ from stripe_newton.assets import (
 )
 from stripe_newton.assets.terrain_base import GroundAsset
 from stripe_newton.configclass import ConfigError
-from stripe_newton.robot_files import RobotFileError, extend_report, import_robot_file, rename_model, split_links
+from stripe_newton.robot_files import extend_report
 from stripe_newton.sensors import SensorBase, SensorCfg
 from stripe_newton.sim import SpawnerCfg
 from stripe_newton.sim.body_choice import BodyChoice
 from stripe_newton.sim.scene_context import ENV_0, scene_context
-from stripe_newton.sim.spawners.from_files import FILE_KEY
-from stripe_newton.sim.spawners.model_names import NAMES_KEY
 from stripe_newton.solvers.static_meshes import mark_triangles
 from stripe_newton.terrains.scenery_ground import SceneryGround
 from stripe_newton.terrains.terrain_importer import found_terrain
@@ -55,6 +52,7 @@ from .export_joints import AuthoredJoints
 from .imported_scenery import ImportedScenery
 from .new_stage import new_stage
 from .obstacles import Obstacles
+from .represented_files import rename_prims, represented_files
 from .scene_contents import SceneContents
 from .scene_parts import Part, part_kind
 from .scenery import Scenery, add_scenery, hidden, read_scenery, scenery_groups
@@ -388,7 +386,7 @@ class SceneBuilder:
 
     def _read(self, stage: Usd.Stage, builder: newton.ModelBuilder, root: str, ignore: tuple[str, ...]) -> StageReport:
         """Read prims of a stage, and the files that they represent, into a builder."""
-        files, first = _keyed_prims(stage, FILE_KEY, root, ignore), builder.shape_count
+        files, first = represented_files(stage, root, ignore), builder.shape_count
         solver = self._scene.sim.cfg.solver
         report = load_stage(
             builder,
@@ -408,10 +406,9 @@ class SceneBuilder:
                 report.ignored = rows_by_distance(report.ignored, as_they_are)
                 what = [f"the concave mesh '{path}' that moves as 'sdf'" for path in sorted(as_they_are)]
                 self._scene.sim.newton_contacts_for += tuple(what)
-        for prim, options in files:
-            extend_report(report, _import_file(builder, prim, options))
-        for prim, names in _keyed_prims(stage, NAMES_KEY, root, ignore):
-            rename_model(builder, str(prim.GetPath()), names)
+        for file in files:
+            extend_report(report, file.add_to(builder))
+        rename_prims(builder, stage, root, ignore)
         return report
 
     def _use_mujoco_contacts(self, value: bool) -> None:
@@ -432,37 +429,12 @@ class SceneBuilder:
                 scene.assets.append(scene.articulations[name])
 
 
-def _keyed_prims(
-    stage: Usd.Stage, key: str, root: str, ignore: tuple[str, ...]
-) -> list[tuple[Usd.Prim, dict[str, Any]]]:
-    """Prims below ``root`` with custom data of a key, and these data."""
-    prims = (p for p in Usd.PrimRange(stage.GetPrimAtPath(root)) if p.GetCustomDataByKey(key))
-    # Where something is ignored it is what lies in the environments: they are loaded with their own root.
-    inside = [p for p in prims if not (ignore and str(p.GetPath()).startswith("/World/envs"))]
-    return [(p, json.loads(p.GetCustomDataByKey(key))) for p in inside]
-
-
 def _unique(name: str, taken: list[str]) -> str:
     """``name``, or the first of ``name_2``, ``name_3``, ... that is free."""
     number = 1
     while (candidate := name if number == 1 else f"{name}_{number}") in taken:
         number += 1
     return candidate
-
-
-def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str, Any]) -> StageReport:
-    """Import the URDF or MJCF file that ``prim`` represents, with labels below its path."""
-    own, names = dict(options), json.loads(prim.GetCustomDataByKey(NAMES_KEY) or "{}")
-    kind, path = own.pop("format"), own.pop("path")
-    pose = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
-    position, rotation = pose.ExtractTranslation(), pose.ExtractRotationQuat()
-    xform = wp.transform(wp.vec3(*position), wp.quat(*rotation.GetImaginary(), rotation.GetReal()))
-    try:
-        report = import_robot_file(builder, kind, path, own, xform, str(prim.GetPath()))
-        split_links(builder, str(prim.GetPath()), names.get("links", {}))
-        return report
-    except RobotFileError as error:
-        raise ValueError(f"{kind.upper()} file at '{prim.GetPath()}': {error}") from error
 
 
 class _Found:
