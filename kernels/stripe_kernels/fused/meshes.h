@@ -119,6 +119,38 @@ FN int place_of(const Grid& g, const Cells& c, int i) {
 }
 FN Vec normal_of(const MeshFace& f) { return Vec{(real)f.normal[0], (real)f.normal[1], (real)f.normal[2]}; }
 
+#if LIMBS
+// Find the items of a search in rows of cells. Those of few rows are kept, as lanes would wait for the memory row after row.
+FN void find_rows(Search& s, const Grid& g) {
+    const Cells& c = s.cells;
+    const int across = c.last_row - c.row + 1, rows = across * (c.last_layer - c.layer + 1);
+    s.rows = 0, s.size = 0;
+    if (c.col > c.last_col || across <= 0 || rows <= 0) return;
+    if (rows > FEW_ROWS) {
+        s.size = count_items(g, c);
+        return;
+    }
+    s.rows = rows;
+    UNROLLED for (int i = 0; i < FEW_ROWS; i++) {
+        const int k = i < rows ? i : 0;
+        const int* cells = row_of_cells(g, c.layer + k / across, c.row + k % across);
+        s.row_first[i] = cells[c.col], s.row_size[i] = cells[c.last_col + 1] - s.row_first[i];
+    }
+    UNROLLED for (int i = 0; i < FEW_ROWS; i++) s.size += i < rows ? s.row_size[i] : 0;
+}
+#endif
+// Place of an item of a search in the list of its grid.
+FN int place_of(const Search& s, const Grid& g, int i) {
+    if (s.first >= 0) return s.first + i;
+#if LIMBS
+    if (s.rows) {
+        int row = 0;
+        ROLLED for (; row < s.rows - 1 && i >= s.row_size[row]; row++) i -= s.row_size[row];
+        return s.row_first[row] + i;
+    }
+#endif
+    return place_of(g, s.cells, i);
+}
 // The grid that has the candidates of a part.
 FN const Grid& grid_of(const Search& s, const Mesh& mesh) {
     return s.kind == BOX_PART || s.kind == AXIS_PART ? mesh.edges : mesh.faces;
@@ -127,7 +159,7 @@ FN const Grid& grid_of(const Search& s, const Mesh& mesh) {
 FN int thing_of(const Search& s, const Mesh& mesh, int candidate) {
     const bool is_box = s.kind == BOX_PART;
     const Grid& g = grid_of(s, mesh);
-    const int i = is_box ? candidate / 2 : candidate, thing = g.items[s.first >= 0 ? s.first + i : place_of(g, s.cells, i)];
+    const int i = is_box ? candidate / 2 : candidate, thing = g.items[place_of(s, g, i)];
     return is_box ? 2 * thing + candidate % 2 : thing;
 }
 
@@ -142,7 +174,7 @@ struct alignas(16) MeshBounds {
 // That of a candidate of a part.
 FN MeshBounds bounds_of(const Search& s, const Grid& g, int candidate) {
     const int i = s.kind == BOX_PART ? candidate / 2 : candidate;
-    const float* from = ((const MeshBounds*)g.bounds)[s.first >= 0 ? s.first + i : place_of(g, s.cells, i)].normal;
+    const float* from = ((const MeshBounds*)g.bounds)[place_of(s, g, i)].normal;
     MeshBounds o;
     float four[4], three[3];
     load_four(four, from), load_four(three, o.number, from + 4);
@@ -344,7 +376,11 @@ FN bool prepare(Search& s, PartKind kind, int end, real margin, const Mesh& mesh
     }
     if (!of_edges) b.half = far * Vec{1, 1, 1};
     s.cells = cells_near(grid, center - b.half, center + b.half);
+#if LIMBS
+    find_rows(s, grid);
+#else
     s.size = count_items(grid, s.cells);
+#endif
     if (s.cells.row == s.cells.last_row && s.cells.layer == s.cells.last_layer && s.size)
         s.first = row_of_cells(grid, s.cells.layer, s.cells.row)[s.cells.col];
     if (kind == BOX_PART) s.size *= 2;

@@ -96,6 +96,7 @@ struct Touch {
 #endif
 };
 
+enum { FEW_ROWS = 4 };
 // The search for touches of a part of a geom.
 struct Search {
     Vec geom;            // the geom's centre in the frame of the ground
@@ -114,6 +115,10 @@ struct Search {
     bool ended;
 #if LIMBS
     bool on_plane;              // whether its candidates are the plane of a face, the number of which is `first`
+#if HAS_MESHES
+    unsigned char rows;         // rows of cells that have its items, if they are few, else 0
+    int row_first[FEW_ROWS], row_size[FEW_ROWS];  // of each the place of its first item in the grid's list, and their number
+#endif
 #endif
     unsigned char hit[4];       // their numbers among the touches that were found
 #if SEARCH_LANES > 1
