@@ -2,10 +2,10 @@
 // Limb search: contacts of limbs on a GPU, where the lanes of a warp search for touches on height fields and meshes together.
 //
 // Robots differ in what is near them, and a warp takes as long as its busiest lane. So a lane only finds out which geoms of its
-// limb are near, and touches planes: of most robots nothing else is near. The triangles near the other parts of those geoms are
-// shared out over the lanes of the warp: first those are left out whose bounds are not in reach, as there may be hundreds around a
-// round table's foot. The touches of the others are listed, so that the rounds after the first look at them alone. A lane takes the
-// hits of its limb in the order of their parts, so that neither their number nor their order depends on the other lanes.
+// limb are near, and lists their parts. The lanes of the warp share out the parts, of which most touch planes alone, and then the
+// triangles near the others: first those are left out whose bounds are not in reach, as there may be hundreds around a round
+// table's foot. The touches of the others are listed, so that the rounds after the first look at them alone. A lane takes the hits
+// of its limb in the order of their parts, so that neither their number nor their order depends on the other lanes.
 //
 // All of a step's code should stay in a multiprocessor's cache for instructions, 128 KB: what does not is fetched again in each
 // step of a launch. So each piece of this code is there once.
@@ -29,7 +29,7 @@ struct PairHit {
     unsigned char number;  // of the pair among those of the limb
 };
 enum {
-    MOST_NEAR = 2 * MOST_LISTED,
+    MOST_NEAR = 2 * MOST_LISTED,  // parts that are listed at a time
     AT_ONCE = 2,  // candidates of a lane whose bounds are loaded together
 };
 // What the lanes of a warp share.
