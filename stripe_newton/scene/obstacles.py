@@ -18,7 +18,7 @@ from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.sensors.sensor_base import SensorBase, SensorCfg
 from stripe_newton.sensors.sensor_data import SensorData
 from stripe_newton.sim.host_flags import HostFlags
-from stripe_newton.sim.solver_cfg import MuJoCoSolverCfg
+from stripe_newton.sim.mujoco_solver_cfg import MuJoCoSolverCfg
 from stripe_newton.solvers.pair_list import remove_geom_pairs
 from stripe_newton.value_types import NonNegativeFloat, PositiveFloat, PositiveInt, short
 
