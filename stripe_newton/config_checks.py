@@ -162,9 +162,12 @@ def _own_problems(cfg: Config, path: str, may_fail: bool) -> Iterator[str]:
 
 def _warn_of_ignored(config: Config) -> None:
     """Warn of each field that has been set and has no effect. Python shows equal warnings from one place once."""
+    seen: set[str] = set()
     for cls in type(config).__mro__:
+        shown = type(config).__name__ if cls.__name__.startswith("_") else cls.__name__  # not a private base
         for name, reason in vars(cls).get("IGNORED", {}).items():
             field = cls.__dataclass_fields__[name]  # type: ignore[attr-defined]
             default = field.default if field.default_factory is MISSING else field.default_factory()
-            if getattr(config, name) != default:
-                warnings.warn(f"{cls.__name__}.{name} has no effect: {reason}", stacklevel=2)
+            if name not in seen and getattr(config, name) != default:
+                warnings.warn(f"{shown}.{name} has no effect: {reason}", stacklevel=2)
+            seen.add(name)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -125,7 +126,11 @@ class TermEvaluation:
     ) -> _Evaluated:
         context, name = self._context, func.func.__name__
         path, before = f"{where}.evaluated_{sum(map(len, self._known.values()))}", len(context.problems)
-        items, out = make(func, params, path)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")  # Python shows a warning once; it is shown below
+            items, out = make(func, params, path)
+        for warning in caught:  # which name the term as the caller knows it, as problems do
+            warnings.warn(f"'{name}'{str(warning.message).removeprefix(path)}", warning.category, stacklevel=2)
         problems = context.problems[before:]
         del context.problems[before:]
         if problems:

@@ -3,21 +3,17 @@
 
 from __future__ import annotations
 
-import json
-from typing import Any
-
 import newton
-import warp as wp
-from pxr import Usd, UsdGeom
+from pxr import Usd
 
-from stripe_newton.robot_files import RobotFileError, extend_report, import_robot_file, rename_model, split_links
+from stripe_newton.robot_files import extend_report
 from stripe_newton.sim import Simulation
-from stripe_newton.sim.spawners.from_files import FILE_KEY
-from stripe_newton.sim.spawners.model_names import NAMES_KEY
 from stripe_newton.solvers.static_meshes import mark_triangles
 from stripe_newton.usd import StageReport, load_stage
 from stripe_newton.usd.concave_meshes import concave_colliders, rows_by_distance
 from stripe_newton.usd.mesh_approximations import asks_for_distance_field
+
+from .represented_files import rename_prims, represented_files
 
 __all__ = ["read_prims", "use_mujoco_contacts"]
 
@@ -40,9 +36,10 @@ def read_prims(
         What was read and what was ignored.
 
     Raises:
+        StageError: if what a spawner keeps with a prim is not that.
         ValueError: if a robot file cannot be read; the error names file and prim.
     """
-    files, first = _keyed_prims(stage, FILE_KEY, root, ignore), builder.shape_count
+    files, first = represented_files(stage, root, ignore), builder.shape_count
     solver = sim.cfg.solver
     report = load_stage(
         builder,
@@ -55,10 +52,9 @@ def read_prims(
     # Only meshes of the stage: in a robot's file a mesh means its hull.
     if solver.chooses_contacts:
         _choose_mesh_contacts(sim, stage, builder, first, report)
-    for prim, options in files:
-        extend_report(report, _import_file(builder, prim, options))
-    for prim, names in _keyed_prims(stage, NAMES_KEY, root, ignore):
-        rename_model(builder, str(prim.GetPath()), names)
+    for file in files:
+        extend_report(report, file.add_to(builder))
+    rename_prims(builder, stage, root, ignore)
     return report
 
 
@@ -79,31 +75,6 @@ def _choose_mesh_contacts(
 def use_mujoco_contacts(sim: Simulation, value: bool) -> None:
     """Decide what the config of the solver leaves open, in a copy of it."""
     sim.cfg = sim.cfg.replace(solver=sim.cfg.solver.replace(use_mujoco_contacts=value))
-
-
-def _keyed_prims(
-    stage: Usd.Stage, key: str, root: str, ignore: tuple[str, ...]
-) -> list[tuple[Usd.Prim, dict[str, Any]]]:
-    """Prims below ``root`` with custom data of a key, and these data."""
-    prims = (p for p in Usd.PrimRange(stage.GetPrimAtPath(root)) if p.GetCustomDataByKey(key))
-    # Where something is ignored it is what lies in the environments: they are loaded with their own root.
-    inside = [p for p in prims if not (ignore and str(p.GetPath()).startswith("/World/envs"))]
-    return [(p, json.loads(p.GetCustomDataByKey(key))) for p in inside]
-
-
-def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str, Any]) -> StageReport:
-    """Import the URDF or MJCF file that ``prim`` represents, with labels below its path."""
-    own, names = dict(options), json.loads(prim.GetCustomDataByKey(NAMES_KEY) or "{}")
-    kind, path = own.pop("format"), own.pop("path")
-    pose = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
-    position, rotation = pose.ExtractTranslation(), pose.ExtractRotationQuat()
-    xform = wp.transform(wp.vec3(*position), wp.quat(*rotation.GetImaginary(), rotation.GetReal()))
-    try:
-        report = import_robot_file(builder, kind, path, own, xform, str(prim.GetPath()))
-        split_links(builder, str(prim.GetPath()), names.get("links", {}))
-        return report
-    except RobotFileError as error:
-        raise ValueError(f"{kind.upper()} file at '{prim.GetPath()}': {error}") from error
 
 
 def _moving(builder: newton.ModelBuilder, first: int) -> set[str]:

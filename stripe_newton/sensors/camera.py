@@ -39,7 +39,7 @@ from .warp_struct import field_values
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
 
-__all__ = ["DATA_TYPES", "Camera", "CameraCfg", "PinholeCameraCfg", "TiledCameraCfg"]
+__all__ = ["DATA_TYPES", "Camera", "CameraCfg", "PinholeCameraCfg", "TiledCamera", "TiledCameraCfg"]
 
 _IMAGES = ("rgb", "distance_to_image_plane", "distance_to_camera", "normals")
 _LABELS = ("semantic_segmentation", "instance_segmentation", "instance_id_segmentation")
@@ -443,3 +443,7 @@ class Camera(SensorBase):
 def _bytes(color: wp.array) -> torch.Tensor:
     """Packed colours as bytes, the same memory, shape ``(num_envs, height, width, 4)``."""
     return wp.to_torch(color.view(wp.int32)).view(torch.uint8).view(*color.shape, 4)
+
+
+TiledCamera = Camera
+"""Isaac Lab's name of a camera that is rendered for all environments at once, as every :class:`Camera` is."""

@@ -25,6 +25,7 @@ from stripe_newton.usd.inertia_balance import SMALLEST_INERTIA
 
 from .absent_shapes import AbsentShapes
 from .body_choice import BodyChoice
+from .compile_notice import CompileNotice
 from .connect_anchors import ConnectAnchors
 from .device import resolve_device
 from .drive_limits import DriveLimits
@@ -125,8 +126,7 @@ class SimulationParts:
 
     def __init__(self, cfg: SimulationCfg):
         cfg.validate()
-        if wp.config.log_level == wp.LOG_INFO and type(wp.get_logger()).__module__.startswith("warp"):
-            wp.config.log_level = wp.LOG_WARNING  # else Warp prints a line for each of some hundred kernels
+        CompileNotice.install()
         self.cfg = cfg
         self.device = resolve_device(cfg.device)
         self.lights, self.markers, self.hooks = [], [], []

@@ -171,7 +171,7 @@ class SceneRenderer:
         self._center, self._spread = middle, 0.0
         body = roaming_body(sim.template)
         self._movable = np.array([] if body is None else [root + body for root in scene.roots], dtype=int)
-        if cfg.eye is None or cfg.lookat is None:
+        if cfg.eye is None or cfg.aim is None:
             aspect = self._width / self._height
             azimuth = good_azimuth(points) if cfg.azimuth is None else math.radians(cfg.azimuth)
             elevation, fov = math.radians(cfg.elevation), math.radians(cfg.fov)
@@ -200,7 +200,7 @@ class SceneRenderer:
             body = scene.roots[copy] + _root_body(sim.template, cfg.asset_name)
             followed = np.array([body])
             origin = scene.body_q[body, :3].astype(float)
-        self._eye, self._target = origin + np.asarray(cfg.eye), origin + np.asarray(cfg.lookat)
+        self._eye, self._target = origin + np.asarray(cfg.eye), origin + np.asarray(cfg.aim)
         self._follow(followed)
         self._turns = cfg.origin_type == "asset_heading"
         self._is_close_up = len(env_ids) > 1 and cfg.origin_type.startswith("asset_")

@@ -225,8 +225,9 @@ def test_a_module_that_cannot_be_imported_is_one_line(capsys, content, message):
     assert len(found.splitlines()) == 1
 
 
-def test_an_attribute_that_the_module_of_a_config_misses_is_named_with_its_line(capsys):
+def test_an_attribute_that_the_module_of_a_config_misses_is_named_with_its_line(capsys, monkeypatch):
     """As in a file of Isaac Lab whose imports were changed; it was taken for a config that the module does not have."""
+    monkeypatch.syspath_prepend(".")
     Path("their_module.py").write_text("import math\n\nclass Cfg:\n    part = math.no_such_part\n")
     gymnasium.register("Part-v0", vector_entry_point="a:b", kwargs={"env_cfg_entry_point": "their_module:Cfg"})
     try:

@@ -325,6 +325,8 @@ class LiveViewer:
     def _draw(self) -> None:
         with wp.ScopedDevice(self._sim.device), self.server.atomic():
             chosen = self.envs.chosen
+            if (env := self._env) is not None:
+                self._try("markers", lambda: env.update_debug_vis())
             self.scene.read()
             drags = self.pushes is not None and self.pushes.is_dragging
             self.camera.update(self.scene, chosen, stands=drags)
