@@ -32,7 +32,7 @@ __all__ = ["Obstacles", "ObstaclesCfg"]
 
 _SIZE_FIELDS = "positions", "rotations", "radius", "half_length"
 _LEFT_OUT = "positions", "radius"
-"""Those that a source of obstacles takes the place of."""
+"""Fields that a source of obstacles replaces."""
 _BLOCK = 32
 """Threads a block: so few that a few thousand worlds are spread over a whole GPU."""
 
