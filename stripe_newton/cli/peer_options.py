@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from .options import OPTIONS
@@ -40,8 +41,14 @@ _INSTEAD = {
 """What to write for an option of the peers' scripts, by command. Underscores in their names count as hyphens."""
 
 
+_OVERRIDE = re.compile(r"(?P<name>(env|agent)(\.\w+)+)=(?P<value>.+)", re.DOTALL)
+"""A field by Hydra's syntax, as scripts of Isaac Lab take them: ``env.sim.dt=0.01``."""
+
+
 def with_own_options(command: str, argv: Sequence[str]) -> list[str]:
-    """The arguments of a command, with the task that ``--task`` names as one, and without flags that need not be given.
+    """The arguments of a command, with those of Isaac Lab's scripts as ones of its own.
+
+    ``--task`` names the task, flags that need not be given are left out, and ``env.sim.dt=0.01`` is an option.
 
     Raises:
         UserError: for an option that has another name here; the message says which.
@@ -56,8 +63,19 @@ def with_own_options(command: str, argv: Sequence[str]) -> list[str]:
         option = name.replace("_", "-")
         if option == "--task" and (equals or rest):
             words.append(value if equals else rest.pop(0))
+        elif override := _OVERRIDE.fullmatch(word):
+            words += [f"--{override['name']}", *_values(override["value"])]
         elif instead := _INSTEAD.get(command, {}).get(option):
             raise UserError(f"{command} has no {name}: {instead}")
+        elif option.startswith("--") and "." in option and not option.startswith(("--env.", "--agent.")):
+            field = name.removeprefix("--")
+            raise UserError(f"{command} has no {name}: a field of a config is --env.{field} or --agent.{field}")
         elif option not in _WITHOUT_EFFECT:
             words.append(word)
     return words
+
+
+def _values(text: str) -> list[str]:
+    """The words of a value by Hydra's syntax, in which a list is ``[64,64]``."""
+    is_list = text.startswith("[") and text.endswith("]")
+    return [part.strip() for part in text[1:-1].split(",")] if is_list else [text]

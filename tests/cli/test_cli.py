@@ -287,6 +287,9 @@ def test_inspect_a_stage_and_a_task(capsys):
 
 
 def test_inspect_errors(capsys):
+    Path("arm.xml").write_text("<mujoco/>")
+    assert error_of(capsys, "inspect", "arm.xlm") == "error: arm.xlm: does not exist; did you mean arm.xml?\n"
+    assert error_of(capsys, "inspect", "arms.xml").endswith("arms.xml: does not exist; did you mean arm.xml?\n")
     assert "none.usda: does not exist" in error_of(capsys, "inspect", "none.usda")
     assert "nor is there a file of that name" in error_of(capsys, "inspect", "None-v0")
     for name, problem in (("/dev/zero", "is a device"), (".", "is a folder"), ("x" * 300, "File name too long")):

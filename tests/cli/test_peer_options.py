@@ -18,6 +18,20 @@ def test_a_task_by_option_is_the_task(given):
     assert with_own_options("play", [*given, "--enable_cameras", "--viewer", "video"]) == ["A-v0", "--viewer", "video"]
 
 
+def test_fields_by_hydras_syntax_are_options():
+    given = ["A-v0", "env.sim.dt=0.01", "agent.actor.hidden_dims=[64, 32]", "--seed", "3"]
+    wanted = ["A-v0", "--env.sim.dt", "0.01", "--agent.actor.hidden_dims", "64", "32", "--seed", "3"]
+    assert with_own_options("train", given) == wanted
+    for word in ("env.py", "env.usd=", "environment.x=1"):
+        assert with_own_options("inspect", [word]) == [word]
+
+
+def test_a_field_without_the_name_of_its_config_is_one_line(capsys):
+    assert main(["train", "Stripe-Cartpole-v0", "--sim.dt", "0.01"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "error: train has no --sim.dt: a field of a config is --env.sim.dt or --agent.sim.dt"
+
+
 def test_other_options_and_commands_are_left_alone():
     words = ["A-v0", "--env.scene.num-envs", "4", "--seed=3"]
     assert with_own_options("train", words) == words
