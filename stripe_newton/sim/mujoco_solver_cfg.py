@@ -220,6 +220,11 @@ class MuJoCoSolverCfg(SolverCfg):
         self, model: newton.Model, observables: Sequence[str], stand_ins: StandIns | None = None
     ) -> newton.solvers.SolverMuJoCo:
         """Make the fused solver, or MuJoCo Warp's where that is configured or needed for the observables."""
+        if model.world_count > 1 and not (
+            not self.use_mujoco_cpu if self.separate_worlds is None else self.separate_worlds
+        ):
+            field = "separate_worlds: is False" if self.separate_worlds is False else "use_mujoco_cpu: is True"
+            raise ConfigError([f"sim.solver.{field}, which steps one environment, but num_envs is {model.world_count}"])
         arguments = {**self._buffer_sizes(model), **self.arguments()}
         if self.fused is False:
             return newton.solvers.SolverMuJoCo(model, **arguments)

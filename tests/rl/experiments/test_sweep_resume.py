@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -38,6 +39,7 @@ DRIVEN = {
 }
 DRIVER = f"""
 import sys
+import threading
 from pathlib import Path
 from stripe_newton.rl.experiments.sweep import Sweep
 from stripe_newton.rl.experiments.sweep_cfg import Space, SweepCfg
@@ -94,6 +96,14 @@ def test_a_sweep_that_was_ended_goes_on(number):
     made.close()
     assert not told
     assert len(calls()) == 6
+
+
+@pytest.mark.parametrize("value", ["x", "", "99", "-1", "9" * 30])
+def test_a_pipe_that_is_none_is_said_and_does_not_matter(monkeypatch, capsys, value):
+    monkeypatch.setenv("STRIPE_NEWTON_SWEEP_PIPE", value)
+    end_with_sweep()
+    assert capsys.readouterr().err.startswith(f"warning: STRIPE_NEWTON_SWEEP_PIPE={value}: is no open pipe")
+    assert "end_with_sweep" not in [thread.name for thread in threading.enumerate()]
 
 
 def test_a_run_gets_one_interrupt_when_its_sweep_dies(monkeypatch):
