@@ -145,7 +145,8 @@ def _joint_problems(joint: Element, links: set[str | None], joints: dict[str | N
         if name is None:
             yield f"has no <{end} link=...>"
         elif name not in links:
-            yield f"its {end} '{name}' is no link of the file"
+            advice = f'; add <link name="{_WORLD}"/>, which some simulators do by themselves' if name == _WORLD else ""
+            yield f"its {end} '{name}' is no link of the file{advice}"
     yield from _origin_problems(joint)
     axis, limit = joint.find("axis"), joint.find("limit")
     yield from number_problems(axis, "xyz", 3)
@@ -188,9 +189,11 @@ def _tree_problems(robot: Element, floating: bool | None) -> Iterator[str]:
     roots = _roots(robot)
     if len(roots) > 1:
         yield f"links {_quoted(roots)} are the child of no joint: one must be the root, and joints lead to the others"
-    elif not roots:
-        yield "has no root link: its joints form a loop, or there is no link" if parents else "has no link"
-    elif floating is None and (root := undecided_root(robot)):
+    elif not roots and not parents:
+        yield "has no link"
+    elif not roots and not _missing_parents(robot):
+        yield "has no root link: its joints form a loop"
+    elif roots and floating is None and (root := undecided_root(robot)):
         yield (
             f"the file does not say whether its root link '{root}' floats, as it has no link '{_WORLD}' that holds "
             "it; set fix_base=False, or fix_base=True to hold it in the world"
@@ -206,6 +209,12 @@ def undecided_root(robot: Element) -> str:
 def _roots(robot: Element) -> list[str]:
     parents = _joints_above(robot)
     return [name for link in robot.findall("link") if (name := link.get("name", "")) not in parents]
+
+
+def _missing_parents(robot: Element) -> set[str]:
+    """Links that joints name as their parent and that the file does not have: each of these joints says so."""
+    named = {parent.get("link", "") for joint in robot.findall("joint") for parent in joint.findall("parent")}
+    return named - {link.get("name", "") for link in robot.findall("link")}
 
 
 def _joints_above(robot: Element) -> dict[str, list[str]]:
