@@ -76,7 +76,7 @@ def _link_problems(link: Element) -> Iterator[str]:
 
 
 def part_problems(part: Element) -> Iterator[str]:
-    """What is wrong with the frame and the shape of a ``<collision>`` or ``<visual>``, but for the files it names."""
+    """Problems of the frame and the shape of a ``<collision>`` or ``<visual>``, but for the files it names."""
     yield from _origin_problems(part)
     yield from _geometry_problems(part.find("geometry"))
 
@@ -231,7 +231,7 @@ def _quoted(names: Sequence[str]) -> str:
 
 
 def urdf_rows(robot: Element) -> Iterator[Row]:
-    """What Newton's importer leaves out of a URDF file, or reads differently."""
+    """Rows of what Newton's importer leaves out of a URDF file, or reads differently."""
     for tag, why in _UNREAD.items():
         if elements := robot.findall(tag):
             yield f"robot ({len(elements)})", f"<{tag}>", why

@@ -26,6 +26,7 @@ from .sight_line import SightLine
 from .tracer import Tracer
 from .viewed_simulation import ViewedSimulation
 from .viewer_cfg import ViewerCfg
+from .widening import WideningView
 
 __all__ = ["SceneRenderer"]
 
@@ -55,6 +56,9 @@ class SceneRenderer:
         IndexError: An environment that the simulation does not have.
         ValueError: ``cfg.asset_name`` matches no body.
     """
+
+    _widening: WideningView | None
+    """View that moves back where a fixed robot reaches out of the picture; None for other cameras."""
 
     def __init__(self, sim: ViewedSimulation, cfg: ViewerCfg, env_ids: Sequence[int] | None = None):
         cfg.validate()
@@ -119,7 +123,7 @@ class SceneRenderer:
             self._traced = self._traced.replace(fov=fov)
         camera_axes(np.asarray(eye, dtype=float), np.asarray(target, dtype=float))  # raises if they are one point
         self._eye, self._target = np.array(eye, dtype=float), np.array(target, dtype=float)
-        self._is_close_up, self._walls = False, SightLine()
+        self._is_close_up, self._walls, self._widening = False, SightLine(), None
         self._follow(self._movable if follow else self._movable[:0])
 
     def render(self) -> np.ndarray:
@@ -134,9 +138,11 @@ class SceneRenderer:
                 self._scene = self._make_scene()
                 tracer = self._open_tracer = Tracer(self._scene, self._traced, self._lighting)
             poses = self._scene.update()
-            # Following moves copies of eye and target, so that look() and the properties stay what was set.
+            # Copies of eye and target move, so that look() and the properties stay what was set.
             shift = self._shift(poses)
             eye, target = self._eye + shift, self._target + shift
+            if self._widening is not None:
+                eye, target = self._widening.show(self._scene.bounds())
             if self._turns:
                 eye, target = self._behind(poses[self._follow_bodies[0]], eye, target, self._rest + shift)
             elif not self._walls.is_free:
@@ -168,13 +174,14 @@ class SceneRenderer:
         """Set eye, target and what they follow, automatically or as the config says."""
         cfg, scene, self._is_close_up = self.cfg, self._scene, False
         self._walls = SightLine()
+        self._widening = None
         points = scene.bounds()
         middle = points.mean(axis=0) if len(points) else np.zeros(3)
         self._radius = float(np.linalg.norm(points - middle, axis=1).max(initial=0.0)) or 1.0
         self._center, self._spread = middle, 0.0
         body = roaming_body(sim.template)
         self._movable = np.array([] if body is None else [root + body for root in scene.roots], dtype=int)
-        if cfg.eye is None or cfg.lookat is None:
+        if cfg.eye is None or cfg.aim is None:
             aspect = self._width / self._height
             azimuth = good_azimuth(points) if cfg.azimuth is None else math.radians(cfg.azimuth)
             moves = sim.template.body_count > 0
@@ -194,6 +201,9 @@ class SceneRenderer:
             ]
             self._follow(followed)
             self._look_past(walls, views)
+            if cfg.follow and not len(self._movable) and scene.body_count and len(points):
+                view = (azimuth, elevation, fov, aspect, cfg.margin)
+                self._widening = WideningView(points, view, cfg.follow_time)
             return
         origin, followed = np.zeros(3), self._movable[:0]
         if cfg.origin_type != "world":
@@ -206,7 +216,7 @@ class SceneRenderer:
             body = scene.roots[copy] + _root_body(sim.template, cfg.asset_name)
             followed = np.array([body])
             origin = scene.body_q[body, :3].astype(float)
-        self._eye, self._target = origin + np.asarray(cfg.eye), origin + np.asarray(cfg.lookat)
+        self._eye, self._target = origin + np.asarray(cfg.eye), origin + np.asarray(cfg.aim)
         self._follow(followed)
         self._turns = cfg.origin_type == "asset_heading"
         self._is_close_up = len(env_ids) > 1 and cfg.origin_type.startswith("asset_")

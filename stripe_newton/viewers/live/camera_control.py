@@ -113,10 +113,10 @@ class CameraControl:
         self.see_through.visible = not scene.sight_line.is_free
         anchor = self._anchor(scene, env_id)
         self._start_following(anchor)
-        if cfg.eye is not None and cfg.lookat is not None:
+        if cfg.eye is not None and cfg.aim is not None:
             origin = np.zeros(3) if cfg.origin_type == "world" else self._origin(env_id)
             origin = anchor if cfg.origin_type.startswith("asset_") else origin
-            eye, target = origin + np.asarray(cfg.eye), origin + np.asarray(cfg.lookat)
+            eye, target = origin + np.asarray(cfg.eye), origin + np.asarray(cfg.aim)
         else:
             azimuth = good_azimuth(points) if cfg.azimuth is None else math.radians(cfg.azimuth)
             moves = len(scene.model.body_q) > 0
