@@ -57,7 +57,7 @@ def check_types(*configs: tuple[str, Config]) -> None:
 
 
 def wrong_type(cfg: Config, name: str, value: object) -> str | None:
-    """What is wrong with a value of a field, by the field's annotation; None if it fits, or is the field's default."""
+    """Problem of a value by its field's annotation; None if it fits, or is the field's default."""
     cls = type(cfg)
     kinds = annotations_of(cls, name, binding=True)
     if not kinds or value is MISSING or _is_default(cls, name, value):
@@ -134,20 +134,32 @@ def _items(value: object) -> Iterator[tuple[object, object]]:
 # -- what the classes check
 
 
-def _walk(value: object, path: str, broken: set[int]) -> Iterator[str]:
+def _walk(value: object, path: str, broken: set[int], is_complete: bool = True) -> Iterator[str]:
+    """Problems of a config and of those in it.
+
+    Args:
+        value: The config, or a container that may hold some.
+        path: Its path, with a dot at the end.
+        broken: Configs with a value of a wrong type in them.
+        is_complete: Whether what is missing was set by the configs around it. One that is broken cannot do that, so
+            what is missing in it is not reported until that is mended.
+    """
     if not is_config(value):
         for key, item in _items(value):
-            yield from _walk(item, f"{path}{key}.", broken)
+            yield from _walk(item, f"{path}{key}.", broken, is_complete)
         return
     is_broken = id(value) in broken
+    if hasattr(value, "completed"):
+        is_complete = is_complete and not is_broken
+        value = value if is_broken else value.completed()
     if not is_broken:
-        value = value.completed() if hasattr(value, "completed") else value
         _warn_of_ignored(value)
     missing = [name for name in field_names(value) if getattr(value, name) is MISSING]
-    yield from (f"{path}{name}: is missing, {type(value).__name__} needs a value" for name in missing)
+    if is_complete:
+        yield from (f"{path}{name}: is missing, {type(value).__name__} needs a value" for name in missing)
     yield from _own_problems(value, path, is_broken or bool(missing))
     for name in field_names(value):
-        yield from _walk(getattr(value, name), f"{path}{name}.", broken)
+        yield from _walk(getattr(value, name), f"{path}{name}.", broken, is_complete)
 
 
 def _own_problems(cfg: Config, path: str, may_fail: bool) -> Iterator[str]:
@@ -162,9 +174,12 @@ def _own_problems(cfg: Config, path: str, may_fail: bool) -> Iterator[str]:
 
 def _warn_of_ignored(config: Config) -> None:
     """Warn of each field that has been set and has no effect. Python shows equal warnings from one place once."""
+    seen: set[str] = set()
     for cls in type(config).__mro__:
+        shown = type(config).__name__ if cls.__name__.startswith("_") else cls.__name__  # not a private base
         for name, reason in vars(cls).get("IGNORED", {}).items():
             field = cls.__dataclass_fields__[name]  # type: ignore[attr-defined]
             default = field.default if field.default_factory is MISSING else field.default_factory()
-            if getattr(config, name) != default:
-                warnings.warn(f"{cls.__name__}.{name} has no effect: {reason}", stacklevel=2)
+            if name not in seen and getattr(config, name) != default:
+                warnings.warn(f"{shown}.{name} has no effect: {reason}", stacklevel=2)
+            seen.add(name)

@@ -22,6 +22,8 @@ import torch
 from stripe_newton.configclass import MISSING, configclass
 
 __all__ = [
+    "AdditiveGaussianNoiseCfg",
+    "AdditiveUniformNoiseCfg",
     "ConstantNoiseCfg",
     "GaussianNoiseCfg",
     "NoiseCfg",
@@ -129,6 +131,12 @@ class GaussianNoiseCfg(NoiseCfg):
         yield from NoiseCfg.problems(self)
         if bool((torch.as_tensor(self.std) < 0).any()):
             yield "std", f"is {self.std}, must not be negative"
+
+
+AdditiveUniformNoiseCfg = UniformNoiseCfg
+"""Name of :class:`UniformNoiseCfg` in many files of Isaac Lab."""
+AdditiveGaussianNoiseCfg = GaussianNoiseCfg
+"""Name of :class:`GaussianNoiseCfg` in many files of Isaac Lab."""
 
 
 class NoiseModel:

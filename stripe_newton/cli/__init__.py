@@ -20,6 +20,7 @@ from stripe_newton.threads import watch_cores
 from .end_signals import EndedBySignal, begin, end_on_signals, ended_by, leave, leave_signals
 from .system_errors import system_message, working_directory_hint
 from .user_error import UserError
+from .warning_lines import show_warnings_as_lines
 
 __all__ = ["BEGAN", "COMMANDS", "UserError", "main"]
 
@@ -72,6 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         gc.disable()
         _open_closed_streams()
         end_on_signals()
+        show_warnings_as_lines()
         watch_cores()
         # Before torch is loaded: by default its threads on the CPU wait for each other by spinning. Where others use
         # the cores, too, an update of a small network took twenty times as long by that.
@@ -152,8 +154,9 @@ def _dispatch(args: list[str], is_program: bool = False) -> int:
         hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(COMMANDS)}"
         raise UserError(f"no command '{args[0]}'; {hint}")
     from .early_checks import check_early, with_flag_values  # likewise, and tyro
+    from .peer_options import with_own_options
 
-    words = with_flag_values(args[0], args[1:])
+    words = with_flag_values(args[0], with_own_options(args[0], args[1:]))
     check_early(args[0], words)
     if is_program and args[0] in _SIMULATES:
         from .kernel_cache import check_cache  # here, as is all that only some commands need

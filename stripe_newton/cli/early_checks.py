@@ -11,6 +11,8 @@ from pathlib import Path
 
 import tyro
 
+from stripe_newton.rl.runs.run_folder import newest_run_hint
+
 from .arguments import task_of
 from .live_view import check_address
 from .options import OPTIONS, PlayArgs, TrainArgs
@@ -54,7 +56,9 @@ def check_early(command: str, argv: Sequence[str]) -> None:
     for name in _PATHS:
         for value in _values(argv, name):
             if not _exists(value):
-                raise UserError(f"{name} {value if value.isprintable() else repr(value)}: does not exist")
+                hint = newest_run_hint(Path(value)) if name in ("--checkpoint", "--resume") else ""
+                shown = value if value.isprintable() else repr(value)
+                raise UserError(f"{name} {shown}: does not exist{f'; {hint}' if hint else ''}")
     for device in _values(argv, "--device"):
         # Whether there is a GPU of that number is known when torch is loaded.
         if not _DEVICE.fullmatch(device):

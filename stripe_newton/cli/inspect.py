@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import difflib
 import json as json_module
+import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -152,7 +154,7 @@ def _inspect_file(path: Path) -> AbstractContextManager[_Inspection]:
     from stripe_newton.robot_files import file_kind
 
     if problem := why_no_file(path):
-        raise UserError(f"{path}: {problem}")
+        raise UserError(f"{path}: {problem}{_similar_files(path) if problem == 'does not exist' else ''}")
     kind = file_kind(path)
     if kind.name in ("urdf", "mjcf"):
         return _inspect_robot(path, kind.name)
@@ -218,6 +220,15 @@ def _inspect_stage(path: Path) -> Iterator[_Inspection]:
         scene.close()
 
 
+def _similar_files(path: Path) -> str:
+    """A question about files beside a missing one that have similar names, for its message."""
+    try:
+        near = difflib.get_close_matches(path.name, os.listdir(path.parent), n=3)
+    except OSError:  # there is no such folder
+        return ""
+    return f"; did you mean {' or '.join(str(path.with_name(name)) for name in near)}?" if near else ""
+
+
 def _refuse_name(name: str) -> NoReturn:
     """Refuse a name that is neither of a task nor of a file.
 
@@ -227,6 +238,8 @@ def _refuse_name(name: str) -> NoReturn:
     problem = why_no_file(name)
     if problem != "does not exist":
         raise UserError(f"{short(name)}: {problem}; give a task, or a file of USD, URDF or MJCF")
+    if (path := Path(name)).suffix or os.sep in name:  # no task has a name like that
+        raise UserError(f"{name}: does not exist{_similar_files(path)}")
     try:
         find_task(name)
     except UserError as error:

@@ -70,7 +70,8 @@ def run(argv: list[str]) -> int:
         from .new_robot import robot_values  # here, as it reads the file, with Newton
 
         values |= robot_values(args.robot, args.floating or None)
-        print(f"{values['ROBOT']}: the base {values['BASE']}{values['UNDECIDED']}")
+        what = f"the base {values['BASE']}{values['UNDECIDED']}{values['PASSIVE']}"
+        print(f"{values['ROBOT']}: {what}")
     made = _write(kind, folder, values)
     if "COPY" in values:
         made.append(Path(shutil.copy(values["FILE"], folder / args.name / values["COPY"])))

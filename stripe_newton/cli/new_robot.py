@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
@@ -47,7 +48,7 @@ _FLOATING = {
 
 
 def robot_values(file: Path, floating: bool | None = None) -> dict[str, str]:
-    """What the template of a robot has to know of its file, by placeholder.
+    """Values for the template of a robot, read from its file, by placeholder.
 
     Args:
         file: The file.
@@ -93,7 +94,7 @@ def robot_values(file: Path, floating: bool | None = None) -> dict[str, str]:
         "UNDECIDED": " (the file does not say; --floating lets it float)" if undecided and not floating else "",
     }
     log.finish()
-    values |= _drives(joints, weight)
+    values |= _drives(joints, weight) | _driven(joints)
     if is_alone(kind.name, path):  # the package gets a copy
         values |= {"COPY": path.name, "PLACE": f'FILE = Path(__file__).parent / "{path.name}"'}
     indents = {"FLOATING_OBSERVATIONS": _INDENT}
@@ -189,6 +190,16 @@ def _drives(joints: list[JointRow], weight: float) -> dict[str, str]:
     why = "The file has no gains: these are a guess from its efforts or its weight. Set those of your robot."
     imported = "from stripe_newton.actuators import ImplicitActuatorCfg\n"
     return {"DRIVES": "\n".join(lines), "DRIVES_WHY": why, "ACTUATORS_IMPORT": imported}
+
+
+def _driven(joints: list[JointRow]) -> dict[str, str]:
+    """The joints that actions move, and a text about the others: a file with gains may have joints without, such as
+    springs."""
+    passive = [_name(j) for j in joints if not (j.stiffness > 0.0 or j.damping > 0.0)]
+    if not passive or not any(joint.stiffness > 0.0 for joint in joints):
+        return {"JOINTS": '".*"', "PASSIVE": ""}
+    free = f"; {', '.join(passive)} of its joints {'have' if len(passive) > 1 else 'has'} no drive and no action"
+    return {"JOINTS": json.dumps(f"(?!{'|'.join(f'{re.escape(name)}$' for name in passive)}).*"), "PASSIVE": free}
 
 
 def _joined(values: dict[str, float]) -> str:

@@ -27,6 +27,7 @@ from .device import set_device, set_seeds
 from .env_and_policy import build, build_env, build_policy, find_policy
 from .live_view import FPS, check_installed, open_viewer
 from .options import PlayArgs
+from .progress import steps_left
 from .run_configs import Configs, check, load_configs, use_one_minibatch
 from .user_error import UserError
 from .written_places import try_place
@@ -57,7 +58,9 @@ def run(argv: list[str]) -> int:
         if args.viewer == "video":
             note = checkpoint.stem.replace("model_", "iteration ") if checkpoint else f"{args.agent} actions"
             overlay = FilmOverlay(env, task, note)
-            print(record_video(env, policy, path, args.steps or video_steps(env), args.seed, overlay=overlay))
+            steps = args.steps or video_steps(env)
+            progress = steps_left("filmed", steps)
+            print(record_video(env, policy, path, steps, args.seed, overlay=overlay, progress=progress))
         elif args.viewer == "viser":
             watch(task, env, policy, configs.env, args, checkpoints=checkpoints)
         else:

@@ -6,11 +6,34 @@ from __future__ import annotations
 import shutil
 import sys
 import time
+from collections.abc import Callable
 from types import TracebackType
 
-__all__ = ["Progress"]
+__all__ = ["Progress", "steps_left"]
 
 _BAR = 24
+_QUIET = 10.0
+"""Seconds without a line, after which a long loop says how far it is."""
+
+
+def steps_left(what: str, steps: int) -> Callable[[int], None]:
+    """A function that a long loop calls after each step; every ten seconds it prints how many are done.
+
+    Args:
+        what: What was done, such as ``filmed``.
+        steps: Number of steps of the loop.
+    """
+    began = last = time.perf_counter()
+
+    def after_step(done: int) -> None:
+        nonlocal last
+        now = time.perf_counter()
+        if now - last < _QUIET or done >= steps:
+            return
+        last = now
+        print(f"{what} {done} of {steps} steps, {(now - began) * (steps / done - 1.0):.0f} s left", flush=True)
+
+    return after_step
 
 
 class Progress:

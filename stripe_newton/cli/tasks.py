@@ -147,13 +147,13 @@ def import_target(target: str, where: str) -> ModuleType:
 
 
 def _empty_folder(target: str, folder: Path) -> str:
-    """What is said of a folder that is no package, such as one that holds a package of its name."""
+    """Message about a folder that is no package, such as one that holds a package of its name."""
     hint = f"; did you mean {target}/{folder.name}?" if (folder / folder.name / "__init__.py").is_file() else ""
     return f"{target} is a folder without __init__.py, so it has no tasks{hint}"
 
 
 def _no_file(target: str, path: Path) -> str:
-    """What is said of a path that is no file of Python."""
+    """Message about a path that is no file of Python."""
     if path.is_dir():
         return _empty_folder(target.rstrip("/"), path)
     return f"{target} is no Python file: its name ends in .py" if path.exists() else f"{target} does not exist"
@@ -244,8 +244,8 @@ def make_env(task: str, cfg: RLEnvCfg, render_mode: str | None = None) -> TorchV
     from .kernel_lock import compile_once  # here, as it loads Warp, which commands that build nothing do not need
 
     compile_once()
-    creator: Callable[..., TorchVectorEnv] = _resolved(find_task(task).vector_entry_point, task)
     with user_code(f"the environment of {task}"):
+        creator: Callable[..., TorchVectorEnv] = _resolved(find_task(task).vector_entry_point, task)
         env = creator(cfg=cfg, render_mode=render_mode)
     if not gc.isenabled():  # `main` has switched it off
         # All that there is by now lives as long as the process, so no collection has to look at it.
@@ -266,12 +266,15 @@ def _resolved(entry: str | Callable[..., T], task: str) -> Callable[..., T]:
     """
     if not isinstance(entry, str):
         return entry
+    module = entry.partition(":")[0]
     try:
-        return resolve_name(entry)
+        importlib.import_module(module)
     except ModuleNotFoundError as error:
-        module = entry.partition(":")[0]
         if error.name is None or not (module == error.name or module.startswith(f"{error.name}.")):
             raise
         raise UserError(f"task '{task}' is registered with '{entry}': there is no module '{error.name}'") from None
+    # After the import, whose own errors of this kind are about a line of the module.
+    try:
+        return resolve_name(entry)
     except AttributeError:
         raise UserError(f"task '{task}' is registered with '{entry}', which the module does not have") from None

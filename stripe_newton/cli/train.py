@@ -36,6 +36,7 @@ from .device import set_device, set_seeds
 from .env_and_policy import build
 from .live_view import check_installed, open_viewer
 from .options import TrainArgs
+from .progress import steps_left
 from .run_configs import Configs, check, load_configs
 from .shell_command import command
 from .train_ranks import launch_ranks, number_of_ranks, run_folder_of_all, split_over_ranks
@@ -252,7 +253,8 @@ def _film(runner: OnPolicyRunner, task: str, path: Path) -> None:
     print(f"filming {steps} steps (--final-video False: no video)", flush=True)
     overlay = FilmOverlay(runner.env, task, f"after {runner.iterations_done} iterations")
     policy = runner.get_inference_policy(runner.device)
-    record_video(runner.env, policy, path, steps, most_fps=fps, overlay=overlay)
+    progress = steps_left("filmed", steps)
+    record_video(runner.env, policy, path, steps, most_fps=fps, overlay=overlay, progress=progress)
 
 
 def _print_next(task: str, folder: RunFolder, complete: bool) -> None:

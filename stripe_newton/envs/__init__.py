@@ -2,6 +2,7 @@
 """Environments: the direct workflow, for one agent or several, and the manager-based workflow."""
 
 from stripe_newton.managers import EventTermCfg
+from stripe_newton.viewers import ViewerCfg
 
 from .direct_marl_env import DirectMARLEnv, DirectMARLEnvCfg
 from .direct_rl_env import DirectRLEnv, DirectRLEnvCfg
@@ -31,6 +32,7 @@ __all__ = [
     "RLEnv",
     "RLEnvCfg",
     "SingleAgentView",
+    "ViewerCfg",
     "multi_agent_to_single_agent",
     "to_space",
 ]

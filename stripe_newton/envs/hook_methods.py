@@ -130,18 +130,6 @@ class HookMethods(RecordingEnv):
         """Write ``warp.observations``."""
         raise NotImplementedError
 
-    def set_debug_vis(self, debug_vis: bool) -> bool:
-        """Ask the subclass to show or hide its markers; whether it has any."""
-        try:
-            self._set_debug_vis_impl(debug_vis)
-        except NotImplementedError:
-            return False
-        return True
-
-    def _set_debug_vis_impl(self, debug_vis: bool) -> None:
-        """Show or hide markers."""
-        raise NotImplementedError
-
     # -- noise, which resets concern, too
 
     def _noise_models(self) -> list[NoiseModel]:

@@ -29,6 +29,8 @@ class SceneAccess(BuiltScene):
 
     _pictures: EnvPictures | None = None
     _evaluates: TermEvaluation | None = None
+    _shows_debug: bool = False
+    """Whether ``_debug_vis_callback`` runs before a picture."""
 
     # -- pictures
 
@@ -42,7 +44,33 @@ class SceneAccess(BuiltScene):
             return None
         if self._pictures is None:
             self._pictures = EnvPictures(self)
+        self.update_debug_vis()
         return self._pictures.render()
+
+    def set_debug_vis(self, debug_vis: bool) -> bool:
+        """Show or hide what ``_set_debug_vis_impl`` and ``_debug_vis_callback`` draw; whether there is anything."""
+        try:
+            self._set_debug_vis_impl(debug_vis)
+        except NotImplementedError:
+            return False
+        self._shows_debug = debug_vis
+        return True
+
+    def update_debug_vis(self) -> None:
+        """Move the markers of a subclass to their present places; :meth:`render` and the live view call it."""
+        if self._shows_debug:
+            self._debug_vis_callback(None)
+
+    def _set_debug_vis_impl(self, debug_vis: bool) -> None:
+        """Make the markers at the first call, and show or hide them."""
+        raise NotImplementedError
+
+    def _debug_vis_callback(self, event: object) -> None:
+        """Move the markers, before each picture. It is no part of a step: a training without pictures skips it.
+
+        Args:
+            event: None; the argument is there for classes of Isaac Lab.
+        """
 
     @property
     def renderer(self) -> SceneRenderer | None:

@@ -29,8 +29,6 @@ class DialectEnv(native.RLEnv):
 
     scene_class: ClassVar[type[NativeScene]] = InteractiveScene
     simulation_class: ClassVar[Callable[[NativeSimulationCfg], Simulation]] = staticmethod(_make_simulation)
-    _shows_debug: bool = False
-    """Whether ``_debug_vis_callback`` runs before a picture."""
 
     def _prepare_simulation(self) -> None:
         super()._prepare_simulation()
@@ -40,30 +38,12 @@ class DialectEnv(native.RLEnv):
             cfg = self.sim.cfg
             self.sim.cfg = cfg.replace(observables=tuple({*cfg.observables, *wanted}))
 
-    def set_debug_vis(self, debug_vis: bool) -> bool:
-        """Show or hide what ``_set_debug_vis_impl`` and ``_debug_vis_callback`` draw; whether there is anything."""
-        try:
-            self._set_debug_vis_impl(debug_vis)
-        except NotImplementedError:
-            return False
-        self._shows_debug = debug_vis
-        return True
-
-    def _set_debug_vis_impl(self, debug_vis: bool) -> None:
-        """Make the markers at the first call, and show or hide them."""
-        raise NotImplementedError
-
-    def _debug_vis_callback(self, event: object) -> None:
-        """Move the markers, before a picture."""
-
     def render(self, recompute: bool = False) -> np.ndarray | None:
-        """A picture, with the markers where they belong now.
+        """A picture.
 
         Args:
             recompute: Has no effect: the picture is always of the current state.
         """
-        if self._shows_debug:
-            self._debug_vis_callback(None)
         return super().render()
 
     def close(self, **kwargs: object) -> None:

@@ -12,11 +12,15 @@ Rotation Vectors", Stanford University, 2006.
 from __future__ import annotations
 
 import math
+from typing import TypeVar
 
+import numpy as np
 import torch
 
 __all__ = [
     "axis_angle_from_quat",
+    "convert_quat",
+    "copysign",
     "euler_xyz_from_quat",
     "matrix_from_euler",
     "matrix_from_quat",
@@ -33,6 +37,8 @@ __all__ = [
     "quat_from_matrix",
     "quat_inv",
     "quat_mul",
+    "quat_rotate",
+    "quat_rotate_inverse",
     "quat_slerp",
     "quat_unique",
     "saturate",
@@ -42,6 +48,8 @@ __all__ = [
     "wrap_to_pi",
     "yaw_quat",
 ]
+
+Array = TypeVar("Array", torch.Tensor, np.ndarray)
 
 Bound = torch.Tensor | float
 """A number, or a tensor that broadcasts."""
@@ -382,3 +390,30 @@ def broadcast_leading(quat: torch.Tensor, vec: torch.Tensor) -> tuple[torch.Tens
         return quat, vec
     shape = torch.broadcast_tensors(quat[..., 0], vec[..., 0])[0].shape
     return quat.expand(shape + (4,)), vec.expand(shape + (3,))
+
+
+# ---- names and orders of Isaac Lab -----------------------------------------------------------------------------------
+
+quat_rotate = quat_apply
+"""Former name of :func:`quat_apply` in Isaac Lab."""
+quat_rotate_inverse = quat_apply_inverse
+"""Former name of :func:`quat_apply_inverse` in Isaac Lab."""
+
+
+def copysign(mag: float, other: torch.Tensor) -> torch.Tensor:
+    """Numbers of magnitude ``mag`` with the signs of ``other``."""
+    return torch.copysign(torch.full_like(other, abs(mag)), other)
+
+
+def convert_quat(quat: Array, to: str = "xyzw") -> Array:
+    """Quaternions ``(..., 4)`` from the other order to ``to``, ``"xyzw"`` or ``"wxyz"``; tensors or arrays.
+
+    Raises:
+        ValueError: if the shape or the order is not one of these.
+    """
+    if quat.shape[-1] != 4:
+        raise ValueError(f"convert_quat: expected quaternions (..., 4), got {tuple(quat.shape)}")
+    if to not in ("xyzw", "wxyz"):
+        raise ValueError(f"convert_quat: the order {to!r} is neither 'xyzw' nor 'wxyz'")
+    shift = -1 if to == "xyzw" else 1
+    return quat.roll(shift, dims=-1) if isinstance(quat, torch.Tensor) else np.roll(quat, shift, axis=-1)

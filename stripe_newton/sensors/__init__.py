@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sensors: contacts, inertial measurements, frames, rays and cameras."""
 
-from .camera import Camera, CameraCfg, PinholeCameraCfg, TiledCameraCfg
+from .camera import Camera, CameraCfg, PinholeCameraCfg, TiledCamera, TiledCameraCfg
 from .camera_data import CameraData
 from .contact_sensor import ContactSensor, ContactSensorCfg
 from .depth_noise import DepthNoiseCfg
@@ -37,5 +37,6 @@ __all__ = [
     "SensorBase",
     "SensorBaseCfg",
     "SensorCfg",
+    "TiledCamera",
     "TiledCameraCfg",
 ]

@@ -114,6 +114,7 @@ def path_problems(paths: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def _paths(model: newton.Model) -> list[str]:
+    """Path of each shape, below that of its body."""
     bodies = model.shape_body.numpy()
     return [_path(model, i, int(bodies[i])) for i in range(model.shape_count)]
 
@@ -134,6 +135,7 @@ def _path(model: newton.Model, shape: int, body: int) -> str:
 
 
 def _matching(paths: list[str], pattern: str) -> np.ndarray:
+    """Paths at or below what a pattern matches, bool, one for each path."""
     seen: dict[str, bool] = {}  # the same paths come again in every environment
     for path in paths:
         if path not in seen:

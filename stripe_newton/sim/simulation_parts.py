@@ -25,6 +25,7 @@ from stripe_newton.usd.inertia_balance import SMALLEST_INERTIA
 
 from .absent_shapes import AbsentShapes
 from .body_choice import BodyChoice
+from .compile_notice import CompileNotice
 from .connect_anchors import ConnectAnchors
 from .device import resolve_device
 from .drive_limits import DriveLimits
@@ -37,7 +38,7 @@ from .physics_step import PhysicsStep
 from .replicated_model import finalize_replicated
 from .replication import absent_shapes
 from .reset_mask import ResetMask
-from .solver_cfg import SolverCfg
+from .solver_cfg_base import SolverCfg
 from .static_solver import SolverStatic, complete_state
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ class SimulationParts:
     template: newton.ModelBuilder
     """Builder of one environment, at the origin."""
     newton_contacts_for: tuple[str, ...] = ()
-    """What of the scene asks for Newton's collision detection, to be named in :meth:`describe_solver`."""
+    """Parts of the scene that ask for Newton's collision detection, to be named in :meth:`describe_solver`."""
     body_choices: Sequence[BodyChoice] = ()
     """Bodies that are another asset in each environment."""
     absent_shapes: AbsentShapes | None = None
@@ -125,8 +126,7 @@ class SimulationParts:
 
     def __init__(self, cfg: SimulationCfg):
         cfg.validate()
-        if wp.config.log_level == wp.LOG_INFO and type(wp.get_logger()).__module__.startswith("warp"):
-            wp.config.log_level = wp.LOG_WARNING  # else Warp prints a line for each of some hundred kernels
+        CompileNotice.install()
         self.cfg = cfg
         self.device = resolve_device(cfg.device)
         self.lights, self.markers, self.hooks = [], [], []

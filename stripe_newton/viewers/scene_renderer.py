@@ -10,7 +10,15 @@ import newton
 import numpy as np
 import warp as wp
 
-from .camera_framing import USUAL_AZIMUTH, Follower, camera_axes, frame_points, good_azimuth
+from .camera_framing import (
+    USUAL_AZIMUTH,
+    Follower,
+    camera_axes,
+    frame_points,
+    good_azimuth,
+    good_elevation,
+    views_around,
+)
 from .display_model import DisplayModel
 from .lighting import lighting_from
 from .roaming import roaming_body
@@ -18,11 +26,14 @@ from .sight_line import SightLine
 from .tracer import Tracer
 from .viewed_simulation import ViewedSimulation
 from .viewer_cfg import ViewerCfg
+from .widening import WideningView
 
 __all__ = ["SceneRenderer"]
 
 _OTHER_SIDES = (0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
 """Turns from the usual direction of a camera to others that are tried where walls hide what it looks at [deg]."""
+_HIGHER = (0.0, 40.0, 65.0)
+"""Elevations that are tried there [deg], each from all sides: over a wall one sees down, but not through a ceiling."""
 _FROM_WALL = 0.05
 """Distance of a camera from the wall that it is moved in front of [m]."""
 _NEAREST = 0.15
@@ -45,6 +56,9 @@ class SceneRenderer:
         IndexError: An environment that the simulation does not have.
         ValueError: ``cfg.asset_name`` matches no body.
     """
+
+    _widening: WideningView | None
+    """View that moves back where a fixed robot reaches out of the picture; None for other cameras."""
 
     def __init__(self, sim: ViewedSimulation, cfg: ViewerCfg, env_ids: Sequence[int] | None = None):
         cfg.validate()
@@ -109,7 +123,7 @@ class SceneRenderer:
             self._traced = self._traced.replace(fov=fov)
         camera_axes(np.asarray(eye, dtype=float), np.asarray(target, dtype=float))  # raises if they are one point
         self._eye, self._target = np.array(eye, dtype=float), np.array(target, dtype=float)
-        self._is_close_up, self._walls = False, SightLine()
+        self._is_close_up, self._walls, self._widening = False, SightLine(), None
         self._follow(self._movable if follow else self._movable[:0])
 
     def render(self) -> np.ndarray:
@@ -124,9 +138,11 @@ class SceneRenderer:
                 self._scene = self._make_scene()
                 tracer = self._open_tracer = Tracer(self._scene, self._traced, self._lighting)
             poses = self._scene.update()
-            # Following moves copies of eye and target, so that look() and the properties stay what was set.
+            # Copies of eye and target move, so that look() and the properties stay what was set.
             shift = self._shift(poses)
             eye, target = self._eye + shift, self._target + shift
+            if self._widening is not None:
+                eye, target = self._widening.show(self._scene.bounds())
             if self._turns:
                 eye, target = self._behind(poses[self._follow_bodies[0]], eye, target, self._rest + shift)
             elif not self._walls.is_free:
@@ -158,26 +174,36 @@ class SceneRenderer:
         """Set eye, target and what they follow, automatically or as the config says."""
         cfg, scene, self._is_close_up = self.cfg, self._scene, False
         self._walls = SightLine()
+        self._widening = None
         points = scene.bounds()
         middle = points.mean(axis=0) if len(points) else np.zeros(3)
         self._radius = float(np.linalg.norm(points - middle, axis=1).max(initial=0.0)) or 1.0
         self._center, self._spread = middle, 0.0
         body = roaming_body(sim.template)
         self._movable = np.array([] if body is None else [root + body for root in scene.roots], dtype=int)
-        if cfg.eye is None or cfg.lookat is None:
+        if cfg.eye is None or cfg.aim is None:
             aspect = self._width / self._height
             azimuth = good_azimuth(points) if cfg.azimuth is None else math.radians(cfg.azimuth)
-            elevation, fov = math.radians(cfg.elevation), math.radians(cfg.fov)
+            moves = sim.template.body_count > 0
+            elevation = good_elevation(points, moves) if cfg.elevation is None else math.radians(cfg.elevation)
+            fov = math.radians(cfg.fov)
             followed = self._movable if cfg.follow else self._movable[:0]
             walls = scene.sight_line() if len(followed) else SightLine()
             # In a room the usual direction may be that of the wall beside the robot.
-            turns = _OTHER_SIDES if cfg.azimuth is None and not walls.is_free else (0.0,)
+            free_choice = cfg.azimuth is None and not walls.is_free
+            turns, higher = (_OTHER_SIDES, _HIGHER) if free_choice else ((0.0,), (0.0,))
             views = [
-                frame_points(points, azimuth + math.radians(turn), elevation, fov, aspect, cfg.margin) for turn in turns
+                frame_points(
+                    points, azimuth + math.radians(turn), max(elevation, math.radians(up)), fov, aspect, cfg.margin
+                )
+                for up in higher
+                for turn in turns
             ]
-            self._eye, self._target = min(views, key=lambda view: walls.blocked_until(*view))  # of equal ones the first
             self._follow(followed)
-            self._walls = walls
+            self._look_past(walls, views)
+            if cfg.follow and not len(self._movable) and scene.body_count and len(points):
+                view = (azimuth, elevation, fov, aspect, cfg.margin)
+                self._widening = WideningView(points, view, cfg.follow_time)
             return
         origin, followed = np.zeros(3), self._movable[:0]
         if cfg.origin_type != "world":
@@ -190,10 +216,26 @@ class SceneRenderer:
             body = scene.roots[copy] + _root_body(sim.template, cfg.asset_name)
             followed = np.array([body])
             origin = scene.body_q[body, :3].astype(float)
-        self._eye, self._target = origin + np.asarray(cfg.eye), origin + np.asarray(cfg.lookat)
+        self._eye, self._target = origin + np.asarray(cfg.eye), origin + np.asarray(cfg.aim)
         self._follow(followed)
         self._turns = cfg.origin_type == "asset_heading"
         self._is_close_up = len(env_ids) > 1 and cfg.origin_type.startswith("asset_")
+        if cfg.origin_type == "asset_root":
+            self._look_past(scene.sight_line(), views_around(self._eye, self._target, _OTHER_SIDES, _HIGHER))
+
+    def _look_past(self, walls: SightLine, views: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
+        """Look from the first of some views, pairs of eye and target, from which walls hide the least."""
+        self._walls, self._views = walls, list(views)
+        self._choose_view(np.zeros(3))
+
+    def _choose_view(self, shift: np.ndarray) -> None:
+        """Choose among the views again, where the camera has moved by ``shift``."""
+        if self._walls.is_free:
+            self._eye, self._target = self._views[0]
+            return
+        self._eye, self._target = min(
+            self._views, key=lambda view: self._walls.blocked_until(view[0] + shift, view[1] + shift)
+        )
 
     def _follow(self, bodies: np.ndarray) -> None:
         """Move the camera with the mean position of ``bodies`` from now on, indices into the display state."""
@@ -204,9 +246,10 @@ class SceneRenderer:
         # A robot that moves farther than its own size within a frame was reset.
         # Slower in height: a camera that sinks with a robot would hide that it falls.
         times = self.cfg.follow_time * np.array([1.0, 1.0, 4.0])
-        self._follower = Follower(times, jump=max(self._radius, 0.5))
+        self._jump = max(self._radius, 0.5)
+        self._follower = Follower(times, jump=self._jump)
         at = self._scene.body_q[bodies, :3].astype(float) if len(bodies) else np.zeros((1, 3))
-        self._rest = np.nan_to_num(at.mean(axis=0))
+        self._rest = self._followed_at = np.nan_to_num(at.mean(axis=0))
 
     def _shift(self, poses: np.ndarray) -> np.ndarray:
         """Displacement of the camera with the bodies that it follows since it was set up, shape (3,)."""
@@ -216,7 +259,11 @@ class SceneRenderer:
         at = at[np.isfinite(at).all(axis=1)]  # a diverged world does not take the others' camera with it
         if len(at) == 0:
             return np.zeros(3)
-        return self._follower.follow(at.mean(axis=0)) - self._rest
+        middle = at.mean(axis=0)
+        if not self._walls.is_free and np.linalg.norm(middle - self._followed_at) > self._jump:
+            self._choose_view(middle - self._rest)  # a new episode begins elsewhere, beside other walls
+        self._followed_at = middle
+        return self._follower.follow(middle) - self._rest
 
     def _behind(
         self, pose: np.ndarray, eye: np.ndarray, target: np.ndarray, about: np.ndarray

@@ -22,7 +22,7 @@ class ViewerCfg:
     """Camera position [m], relative to ``origin_type``. None: automatic framing of the environment."""
 
     lookat: tuple[float, float, float] | None = None
-    """Point in the middle of the picture [m], relative to ``origin_type``. Set it together with ``eye``."""
+    """Point in the middle of the picture [m], relative to ``origin_type``. None: the origin where ``eye`` is set."""
 
     origin_type: str = "env"
     """Frame of ``eye`` and ``lookat``: ``"world"``, ``"env"`` (the origin of environment ``env_index``),
@@ -50,17 +50,19 @@ class ViewerCfg:
     """Automatic framing: direction from the scene to the camera, about +Z from +X [deg]. None: -55, or 25 from the
     perpendicular of the long side if the scene is long and thin."""
 
-    elevation: float = 13.0
-    """Automatic framing: angle of the camera above the horizon [deg]."""
+    elevation: float | None = None
+    """Automatic framing: angle of the camera above the horizon [deg]. None: 13, or 40 where nothing moves and the scene
+    is wide and low, as rooms are."""
 
     margin: float = 1.35
     """Automatic framing: size of the picture relative to the scene in it."""
 
     follow: bool = True
-    """Automatic framing: move with robots that are not fixed to the ground."""
+    """Automatic framing: move with robots that are not fixed to the ground, and back where a fixed one reaches out of
+    the picture."""
 
     follow_time: float = 8.0
-    """Number of frames over which the motion of the followed robot is smoothed; 0 follows rigidly."""
+    """Number of frames over which the motion of the camera is smoothed; 0 follows rigidly."""
 
     anti_aliasing: bool = True
     """Smooth outlines: pixels on an edge are traced four more times, which takes about a quarter of a frame's time.
@@ -98,6 +100,11 @@ class ViewerCfg:
     recolor: bool = True
     """Give shapes without a colour in the stage one of a small palette, by body."""
 
+    @property
+    def aim(self) -> tuple[float, float, float] | None:
+        """Point in the middle of the picture [m], as ``lookat``; None for automatic framing."""
+        return None if self.eye is None else self.lookat or (0.0, 0.0, 0.0)
+
     def size_on(self, is_gpu: bool) -> tuple[int, int]:
         """Width and height of a picture [px] that is drawn on a GPU or on the CPU."""
         width, height = self.resolution or ((1280, 720) if is_gpu else (640, 360))
@@ -117,7 +124,7 @@ class ViewerCfg:
             yield "env_index", f"got {self.env_index!r}, expected the index of an environment, 0 or more"
         for name, low, high in _RANGES:
             value = getattr(self, name)
-            if value is None and name in ("azimuth", "shadow_resolution"):
+            if value is None and name in ("azimuth", "elevation", "shadow_resolution"):
                 continue
             if not _numbers((value,), 1) or not low <= value <= high:
                 yield name, f"got {value!r}, expected a number from {low:g} to {high:g}"
@@ -127,10 +134,9 @@ class ViewerCfg:
             value = getattr(self, name)
             if value is not None and not _numbers(value, 3):
                 yield name, f"got {value!r}, expected three numbers (x, y, z) in metres, or None"
-        if (self.eye is None) != (self.lookat is None):
-            missing, given = ("eye", "lookat") if self.eye is None else ("lookat", "eye")
-            yield missing, f"is None while {given} is set; give both, or neither for automatic framing"
-        elif self.eye is not None and self.lookat is not None and tuple(self.eye) == tuple(self.lookat):
+        if self.eye is None and self.lookat is not None:
+            yield "eye", "is None while lookat is set; give both, or neither for automatic framing"
+        elif self.eye is not None and tuple(self.eye) == tuple(self.aim or ()):
             yield "lookat", f"is the same point as eye, {tuple(self.eye)}; the camera needs a direction"
         if self.origin_type not in ORIGIN_TYPES:
             yield "origin_type", f"got {self.origin_type!r}, expected one of {', '.join(map(repr, ORIGIN_TYPES))}"

@@ -225,6 +225,18 @@ def test_a_module_that_cannot_be_imported_is_one_line(capsys, content, message):
     assert len(found.splitlines()) == 1
 
 
+def test_an_attribute_that_the_module_of_a_config_misses_is_named_with_its_line(capsys, monkeypatch):
+    """As in a file of Isaac Lab whose imports were changed; it was taken for a config that the module does not have."""
+    monkeypatch.syspath_prepend(".")
+    Path("their_module.py").write_text("import math\n\nclass Cfg:\n    part = math.no_such_part\n")
+    gymnasium.register("Part-v0", vector_entry_point="a:b", kwargs={"env_cfg_entry_point": "their_module:Cfg"})
+    try:
+        message = error_of(capsys, "bench", "Part-v0", "--device", "cpu")
+    finally:
+        gymnasium.registry.pop("Part-v0")
+    assert "their_module.py:4: AttributeError: module 'math' has no attribute 'no_such_part'" in message
+
+
 def test_an_error_in_a_users_config_is_a_line_too(capsys):
     Path("their_config.py").write_text(
         "from stripe_newton.registration import register_task\n"
@@ -275,6 +287,9 @@ def test_inspect_a_stage_and_a_task(capsys):
 
 
 def test_inspect_errors(capsys):
+    Path("arm.xml").write_text("<mujoco/>")
+    assert error_of(capsys, "inspect", "arm.xlm") == "error: arm.xlm: does not exist; did you mean arm.xml?\n"
+    assert error_of(capsys, "inspect", "arms.xml").endswith("arms.xml: does not exist; did you mean arm.xml?\n")
     assert "none.usda: does not exist" in error_of(capsys, "inspect", "none.usda")
     assert "nor is there a file of that name" in error_of(capsys, "inspect", "None-v0")
     for name, problem in (("/dev/zero", "is a device"), (".", "is a folder"), ("x" * 300, "File name too long")):

@@ -7,6 +7,7 @@ import ast
 import importlib
 import math
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -167,6 +168,17 @@ def test_a_leg_with_a_knee_starts_with_its_foot_below_the_hip(monkeypatch):
     assert cfg.init_state.joint_pos == {"hip": 0.8, "knee": -1.6}
     height = 2.0 * 0.2 * math.cos(0.8) + 0.02
     assert cfg.init_state.pos[2] == pytest.approx(height + 0.01, abs=0.02)  # by the box around the capsule
+
+
+def test_joints_without_a_drive_get_no_action(capsys, monkeypatch):
+    """As the springs of a tail, in a file whose other joints have servos."""
+    driven = LEG.replace("</worldbody>", '</worldbody><actuator><position joint="hip" kp="20"/></actuator>')
+    robot_source("leg.xml", driven, "half_driven")
+    assert "; knee of its joints has no drive and no action" in capsys.readouterr().out
+    (pattern,) = re.findall(r'joint_names=\["(.*?)"\]', Path("half_driven/half_driven/env_cfg.py").read_text())
+    assert [name for name in ("hip", "knee", "knee_2") if re.fullmatch(pattern, name)] == ["hip", "knee_2"]
+    robot_source("whole.xml", LEG, "guessed")
+    assert 'joint_names=[".*"]' in Path("guessed/guessed/env_cfg.py").read_text()
 
 
 def test_a_urdf_file_does_not_say_whether_its_base_floats(capsys, monkeypatch):

@@ -20,6 +20,7 @@ import tyro
 from stripe_newton.cli import COMMANDS, main
 from stripe_newton.cli.arguments import parse
 from stripe_newton.cli.early_checks import with_flag_values
+from stripe_newton.cli.peer_options import with_own_options
 from stripe_newton.cli.tasks import import_extra, load_cfg, task_ids
 from tests.helpers.checkout import ROOT
 from tools.documentation import first_hour
@@ -225,6 +226,7 @@ def test_command_lines_parse(line):
     if command in ("list", "new", "demo", "inspect", "compare", "report", "export", "replay-motion"):
         tyro.cli(options, args=argv)
         return
+    argv = with_own_options(command, argv)
     argv[0] = argv[0] if argv[0] in task_ids() else TASK
     configs = {"env": load_cfg(argv[0], "env")} | ({"agent": load_cfg(argv[0], "agent")} if command == "train" else {})
     parse(options, with_flag_values(command, argv), command, **configs)

@@ -298,13 +298,14 @@ def draw_offset(robot: Robot, spread: float, rng: np.random.Generator) -> np.nda
 def main() -> None:
     """Run the episodes and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("policy")
-    parser.add_argument("robot")
-    parser.add_argument("--command", type=float, nargs=3, metavar=("X", "Y", "YAW"))
+    parser.add_argument("policy", help="policy.onnx, as 'stripe-newton export' writes it")
+    parser.add_argument("robot", help="MJCF file: the exported robot.xml, or your own with joints of the same names")
+    command = "velocities [m/s, rad/s] to follow; by default others in each episode, from the ranges of the training"
+    parser.add_argument("--command", type=float, nargs=3, metavar=("X", "Y", "YAW"), help=command)
     parser.add_argument("--spread", type=float, default=0.0, help="largest distance from the default pose at the start")
-    parser.add_argument("--episodes", type=int, default=20)
-    parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--episodes", type=int, default=20, help="number of episodes (default: 20)")
+    parser.add_argument("--seconds", type=float, default=20.0, help="length of an episode (default: 20)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the commands and of the starts (default: 0)")
     parser.add_argument("--view", action="store_true", help="show it in MuJoCo's viewer, in real time")
     args = parser.parse_args()
     policy = Policy(args.policy)

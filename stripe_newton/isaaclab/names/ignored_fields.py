@@ -14,7 +14,6 @@ _VISUALIZER = {"visualizer_cfg": _MARKER}
 
 IGNORED_FIELDS: dict[str, dict[str, str]] = {
     "AssetBaseCfg": {"semantic_tags": "tags are those of the spawner"},
-    "CuboidCfg": {"activate_contact_sensors": "contacts of every shape are reported where a sensor asks for them"},
     "FrameTransformerCfg": _VISUALIZER,
     "RayCasterCfg": _VISUALIZER,
     "ContactSensorCfg": _VISUALIZER,

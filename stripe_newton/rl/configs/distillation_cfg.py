@@ -62,4 +62,5 @@ class RslRlDistillationRunnerCfg(RslRlBaseRunnerCfg):
     def problems(self) -> Problems:
         yield from super().problems()
         if self.student.distribution_cfg is None:
-            yield "student.distribution_cfg", "is None, must be a distribution: the student draws its actions from it"
+            must = "must be a distribution that actions are drawn from, RslRlMLPModelCfg.GaussianDistributionCfg()"
+            yield "student.distribution_cfg", f"is None, {must}"

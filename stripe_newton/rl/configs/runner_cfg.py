@@ -135,7 +135,8 @@ class RslRlOnPolicyRunnerCfg(RslRlBaseRunnerCfg):
     def problems(self) -> Problems:
         yield from super().problems()
         if self.actor.distribution_cfg is None:
-            yield "actor.distribution_cfg", "is None, must be a distribution: PPO draws its actions from it"
+            must = "must be a distribution that actions are drawn from, RslRlMLPModelCfg.GaussianDistributionCfg()"
+            yield "actor.distribution_cfg", f"is None, {must}"
         if self.critic.distribution_cfg is not None:
             yield "critic.distribution_cfg", "must be None: a value is not drawn from a distribution"
         if self.algorithm.symmetry_cfg is not None:

@@ -23,7 +23,7 @@ from stripe_newton.rl.configs.field_checks import why_no_folder_name
 from stripe_newton.rl.errors import CheckpointError
 from stripe_newton.value_types import short
 
-__all__ = ["Params", "RunFolder", "find_checkpoint", "find_newest", "find_run"]
+__all__ = ["Params", "RunFolder", "find_checkpoint", "find_newest", "find_run", "newest_run_hint"]
 
 _CHECKPOINT = re.compile(r"model_(\d{1,18})\.pt")
 LOCK_NAME = "lock"
@@ -315,16 +315,31 @@ def find_checkpoint(path: str | os.PathLike) -> Path:
             raise CheckpointError(f"{path}: {damage_of(path)}; the newest earlier one that is whole is {found}")
         return path
     if not path.exists():
-        raise CheckpointError(f"{path}: does not exist; give a run folder or a checkpoint file (model_K.pt)")
+        hint = newest_run_hint(path) or "give a run folder or a checkpoint file (model_K.pt)"
+        raise CheckpointError(f"{path}: does not exist; {hint}")
     if not path.is_dir():
         raise CheckpointError(f"{path}: {why_no_file(path)}; give a run folder or a checkpoint file (model_K.pt)")
     run = RunFolder(path.parent if path.name == "checkpoints" else path)
     newest = find_newest(run)
     if newest is None:
-        raise CheckpointError(
-            f"{path}: contains no checkpoint; expected files {run.checkpoints.name}/model_K.pt in a run folder"
-        )
+        hint = newest_run_hint(path) or f"expected files {run.checkpoints.name}/model_K.pt in a run folder"
+        raise CheckpointError(f"{path}: contains no checkpoint; {hint}")
     return newest
+
+
+def newest_run_hint(path: Path) -> str:
+    """Names the newest run in a folder of runs, or in the one that a path which does not exist would be in.
+
+    Returns:
+        Such as ``the newest run there is logs/cartpole/2026-01-31_12-00-00``; empty if there is no run.
+    """
+    folder = path if path.is_dir() else path.parent
+    try:
+        runs = [run for run in folder.iterdir() if (run / "checkpoints").is_dir()]
+    except OSError:
+        return ""
+    # Their names are dates.
+    return f"the newest run there is {max(runs, key=lambda run: run.name)}" if runs else ""
 
 
 def find_newest(run: RunFolder, before: Path | None = None) -> Path | None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,6 +53,7 @@ def record_video(
     seed: int | None = None,
     most_fps: float = MAX_FPS,
     overlay: FilmOverlay | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> Path:
     """Reset the environment, run ``policy`` and write what ``env.render()`` shows to a video.
 
@@ -63,6 +65,7 @@ def record_video(
         seed: Seed of the reset.
         most_fps: Most frames a second.
         overlay: What is written into the frames.
+        progress: Called after each step with the number of steps so far.
 
     Returns:
         The file.
@@ -90,6 +93,8 @@ def record_video(
             policy.reset(dones)
             if overlay is not None:
                 overlay.after_step(rewards, dones)
+            if progress is not None:
+                progress(step + 1)
     return path
 
 

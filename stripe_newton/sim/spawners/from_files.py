@@ -206,12 +206,9 @@ class _ImporterCfg(SpawnerCfg):
     rigid_props: schemas.RigidBodyPropertiesCfg | None = None
     """Ignored: the bodies are as the file has them."""
     activate_contact_sensors: bool = False
-    """Ignored: contacts of every body can be sensed."""
+    """For configs of Isaac Lab. It need not be set: contacts of every body can be sensed."""
 
-    IGNORED: ClassVar[dict[str, str]] = {
-        "rigid_props": "the bodies are as the file has them",
-        "activate_contact_sensors": "contacts of every body can be sensed",
-    }
+    IGNORED: ClassVar[dict[str, str]] = {"rigid_props": "the bodies are as the file has them"}
 
     def problems(self) -> Iterator[tuple[str, str]]:
         yield from _missing(self.asset_path, "asset_path")

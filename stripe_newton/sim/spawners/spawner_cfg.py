@@ -59,9 +59,7 @@ class RigidObjectSpawnerCfg(SpawnerCfg):
     collision_props: CollisionPropertiesCfg | None = None
     """Makes the shape a collider; ``None`` leaves it visual."""
     activate_contact_sensors: bool = False
-    """Ignored: contacts of every body can be sensed."""
-
-    IGNORED: ClassVar[dict[str, str]] = {"activate_contact_sensors": "contacts of every body can be sensed"}
+    """For configs of Isaac Lab. It need not be set: contacts of every body can be sensed."""
 
 
 @configclass

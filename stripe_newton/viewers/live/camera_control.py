@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stripe_newton.viewers.camera_framing import Follower, frame_points, good_azimuth
+from stripe_newton.viewers.camera_framing import Follower, frame_points, good_azimuth, good_elevation
 from stripe_newton.viewers.poses import yaw_of
 from stripe_newton.viewers.roaming import roaming_body
 from stripe_newton.viewers.viewed_simulation import ViewedSimulation
@@ -113,13 +113,15 @@ class CameraControl:
         self.see_through.visible = not scene.sight_line.is_free
         anchor = self._anchor(scene, env_id)
         self._start_following(anchor)
-        if cfg.eye is not None and cfg.lookat is not None:
+        if cfg.eye is not None and cfg.aim is not None:
             origin = np.zeros(3) if cfg.origin_type == "world" else self._origin(env_id)
             origin = anchor if cfg.origin_type.startswith("asset_") else origin
-            eye, target = origin + np.asarray(cfg.eye), origin + np.asarray(cfg.lookat)
+            eye, target = origin + np.asarray(cfg.eye), origin + np.asarray(cfg.aim)
         else:
             azimuth = good_azimuth(points) if cfg.azimuth is None else math.radians(cfg.azimuth)
-            elevation, fov = math.radians(cfg.elevation), math.radians(cfg.fov)
+            moves = len(scene.model.body_q) > 0
+            elevation = good_elevation(points, moves) if cfg.elevation is None else math.radians(cfg.elevation)
+            fov = math.radians(cfg.fov)
             eye, target = frame_points(points, azimuth, elevation, fov, _ASPECT, cfg.margin)
         self._eye, self._target = eye - anchor, target - anchor
         camera = self._server.initial_camera

@@ -325,6 +325,8 @@ class LiveViewer:
     def _draw(self) -> None:
         with wp.ScopedDevice(self._sim.device), self.server.atomic():
             chosen = self.envs.chosen
+            if (env := self._env) is not None:
+                self._try("markers", lambda: env.update_debug_vis())
             self.scene.read()
             drags = self.pushes is not None and self.pushes.is_dragging
             self.camera.update(self.scene, chosen, stands=drags)
@@ -337,7 +339,7 @@ class LiveViewer:
         self._pace.count_picture(self.camera.fov_rad)
 
     def _make_updates(self) -> dict[str, Callable[[], None]]:
-        """What each panel does at a picture, by name."""
+        """Functions that bring each panel up to date at a picture, by the panel's name."""
         updates: dict[str, Callable[[], None]] = {
             "status": lambda: self.status.update(self.envs.chosen),
         }

@@ -47,6 +47,9 @@ class ViewedEnv(Protocol):
     def reset(self) -> object:
         """Begin new episodes."""
 
+    def update_debug_vis(self) -> None:
+        """Move markers that the environment draws itself, before a picture."""
+
 
 def what_is_viewed(subject: object) -> tuple[ViewedEnv | None, ViewedSimulation]:
     """The environment, if it is one, and the simulation of what a viewer was given.

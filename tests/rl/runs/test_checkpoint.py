@@ -45,6 +45,12 @@ def test_checkpoint_errors(tmp_path):
         find_checkpoint(tmp_path / "empty")
     with pytest.raises(CheckpointError, match="does not exist"):
         find_checkpoint(tmp_path / "nowhere")
+    for name in ("2026-01-31_12-00-00", "2026-01-30_23-59-59"):
+        (tmp_path / "logs" / name / "checkpoints").mkdir(parents=True)
+    newest = f"the newest run there is {tmp_path / 'logs' / '2026-01-31_12-00-00'}"
+    for path in (tmp_path / "logs", tmp_path / "logs" / "DATE_TIME"):  # as the tutorial has it
+        with pytest.raises(CheckpointError, match=newest):
+            find_checkpoint(path)
 
 
 def test_checkpoint_runs_no_code(tmp_path):
