@@ -32,6 +32,7 @@ from typing import Any, Protocol
 import warp as wp
 
 from .parameters import ParameterKind
+from .scene_entity import SceneEntityCfg
 from .source import Code
 from .structs import StructRegistry
 from .term_arrays import array_argument
@@ -85,10 +86,21 @@ def bind_term(
         try:
             arguments[name] = _argument(context, binding, name, argument_type, kind, fixed or {})
         except (ArgumentError, ValueError, KeyError) as error:
-            problems.append(f"{where}.params.{name}: {error.args[0] if error.args else error}")
+            said = str(error.args[0] if error.args else error)
+            text = f"{where}.params.{name if name in params else _given_as(params, said, name)}: {said}"
+            problems += [] if text in problems else [text]
     problems = term_problems(binding, kind, problems)
     context.problems += problems
     return None if problems else TermCall(context.scope.function(func), arguments, binding.counts)
+
+
+def _given_as(params: Mapping[str, object], said: str, name: str) -> str:
+    """The parameter that an error is about: an asset that is not there concerns all arguments that belong to it."""
+    given = params.get("asset_cfg")
+    asset = given.name if isinstance(given, SceneEntityCfg) else given
+    if given is not None and said.startswith((f"no asset or sensor {asset!r}", f"is {given!r}")):
+        return "asset_cfg"
+    return name
 
 
 def _argument(

@@ -25,4 +25,6 @@ def test_no_wrong_input_ends_badly(tmp_path):
     assert not bad, done.stdout
     assert done.returncode == 0
     assert len(record) > 250
+    odd = {"forms of YAML", "expressions", "data in stages", "odd folders", "other tasks"}
+    assert odd <= {case["group"] for case in record}
     assert sum(case["outcome"] == "clear" for case in record) > 150

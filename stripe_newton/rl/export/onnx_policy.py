@@ -16,6 +16,7 @@ from stripe_newton.rl.errors import CheckpointError, DivergedError
 from stripe_newton.rl.torch_vector_env import TorchVectorEnv
 from stripe_newton.rl.wrappers.rsl_rl import RslRlVecEnvWrapper
 
+from .bounded_session import BoundedSession
 from .env_description import action_terms, articulations, observation_groups
 from .metadata_format import NetworkInfo, ObservationGroupInfo, ObservationTermInfo, PolicyMetadata
 from .policy_metadata import read_policy_metadata
@@ -55,10 +56,10 @@ class OnnxPolicy:
             raise CheckpointError(
                 f"{path}{of} does not fit this environment:\n" + "\n".join(f"  {p}" for p in problems)
             )
-        self._session = _open(path, str(env.device))
+        self._session = BoundedSession(path, str(env.device))
         network = self.metadata["network"]
         self._inputs, self._states = network["inputs"], network["states"]
-        _check_names(path, self._session, network)
+        _check_names(path, self._session.network, network)
         self._names = ["actions", *(state["output"] for state in self._states)]
         self._clip = self.metadata["actions"]["clip"]
         self._num_envs, self._device = env.num_envs, env.device
@@ -92,22 +93,6 @@ class OnnxPolicy:
             ended = dones.cpu().numpy().astype(bool)
             for name, value in self._hidden.items():
                 self._hidden[name] = np.where(ended[None, :, None], np.float32(0.0), value)
-
-
-def _open(path: Path, device: str) -> onnxruntime.InferenceSession:
-    try:
-        import onnxruntime
-    except ImportError:
-        raise CheckpointError(f"{path}: an ONNX file needs onnxruntime: pip install stripe-newton[export]") from None
-    there = onnxruntime.get_available_providers()
-    wanted = ["CUDAExecutionProvider"] if device.startswith("cuda") else []
-    providers = [p for p in [*wanted, "CPUExecutionProvider"] if p in there]
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = torch.get_num_threads()  # by default one for each core, busy or not
-    try:
-        return onnxruntime.InferenceSession(str(path), options, providers=providers)
-    except Exception as error:  # its errors have no common base
-        raise CheckpointError(f"{path}: onnxruntime cannot run it ({str(error).splitlines()[0][:160]})") from None
 
 
 def _check_names(path: Path, session: onnxruntime.InferenceSession, network: NetworkInfo) -> None:

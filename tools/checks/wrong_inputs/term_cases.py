@@ -39,7 +39,7 @@ CHANGES: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("cfg.rewards.pole_pos.params.pop('target')", ("target",), ()),
     ("cfg.rewards.pole_pos.weight = {v}", ("weight",), ("3", "'1'.count('1')")),
     ("cfg.rewards.pole_pos = {v}", ("pole_pos",), ("None",)),
-    ("cfg.rewards.pole_pos.params['asset_cfg'] = {v}", ("asset_cfg", "SceneEntityCfg"), ("'robot'",)),
+    ("cfg.rewards.pole_pos.params['asset_cfg'] = {v}", ("asset_cfg", "SceneEntityCfg"), ("'robot'", "None")),
     ("cfg.events.reset_pole.mode = {v}", ("mode",), ()),
     ("cfg.events.reset_pole.params['position_range'] = {v}", ("position_range",), ("(1.0, 2.0)",)),
     ("cfg.actions.joint_effort.asset_name = {v}", ("asset_name",), ("'robot'",)),
