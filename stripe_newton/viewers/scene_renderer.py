@@ -55,6 +55,7 @@ class SceneRenderer:
         self.cfg = self._traced = cfg = cfg.replace(**sizes)
         env_ids = _nearest(sim, cfg.env_index, cfg.num_shown) if env_ids is None else [int(i) for i in env_ids]
         self.env_ids = env_ids
+        self._widening: WideningView | None = None
         # Warp's current device is global: several simulations may use different ones.
         with wp.ScopedDevice(sim.device):
             self._eye, self._target = np.zeros(3), np.zeros(3)
@@ -161,7 +162,7 @@ class SceneRenderer:
         """Set eye, target and what they follow, automatically or as the config says."""
         cfg, scene, self._is_close_up = self.cfg, self._scene, False
         self._walls = SightLine()
-        self._widening: WideningView | None = None
+        self._widening = None
         points = scene.bounds()
         middle = points.mean(axis=0) if len(points) else np.zeros(3)
         self._radius = float(np.linalg.norm(points - middle, axis=1).max(initial=0.0)) or 1.0
