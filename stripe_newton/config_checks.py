@@ -57,7 +57,7 @@ def check_types(*configs: tuple[str, Config]) -> None:
 
 
 def wrong_type(cfg: Config, name: str, value: object) -> str | None:
-    """What is wrong with a value of a field, by the field's annotation; None if it fits, or is the field's default."""
+    """Problem of a value by its field's annotation; None if it fits, or is the field's default."""
     cls = type(cfg)
     kinds = annotations_of(cls, name, binding=True)
     if not kinds or value is MISSING or _is_default(cls, name, value):

@@ -58,7 +58,7 @@ def _described(value: object) -> str:
 
 
 def _content(value: object, depth: int = 8) -> str:
-    """What an object holds, as a text that is the same in each process."""
+    """Text of the contents of an object, the same in each process."""
     if depth == 0 or isinstance(value, (str, bytes, int, float, type(None), enum.Enum, os.PathLike)):
         return repr(value) if depth else type(value).__qualname__
     if isinstance(value, Mapping):

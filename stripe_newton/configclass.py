@@ -113,7 +113,7 @@ def configclass(cls: type[T]) -> type[T]:
         factory = not isinstance(value, _SCALARS)
         setattr(cls, name, dataclasses.field(default_factory=_Default(value)) if factory else value)
     if not hasattr(cls, "__post_init__"):  # so that a subclass may call super().__post_init__()
-        setattr(cls, "__post_init__", _nothing)  # noqa: B010
+        setattr(cls, "__post_init__", _next_post_init(cls))  # noqa: B010
     new = dataclasses.dataclass(cls)
     # Without class variables such as IGNORED: code that goes through the fields by name would take them for values.
     setattr(new, "__dataclass_fields__", {f.name: f for f in dataclasses.fields(new)})  # type: ignore[arg-type]  # noqa: B010
@@ -184,8 +184,15 @@ def _clone(value: Any) -> Any:
         return value
 
 
-def _nothing(self: object) -> None:
-    pass
+def _next_post_init(cls: type) -> Callable[[object], None]:
+    """``__post_init__`` of a class without one: that of the next base, which a class of several bases may have."""
+
+    def post_init(self: object) -> None:
+        following: Callable[[], None] | None = getattr(super(cls, self), "__post_init__", None)
+        if following is not None:
+            following()
+
+    return post_init
 
 
 # -- which classes and fields there are

@@ -8,6 +8,7 @@ for gigabytes.
 from __future__ import annotations
 
 import os
+import re
 import stat
 from collections.abc import Iterator
 
@@ -23,6 +24,12 @@ MOST_DEPTH = 100
 """Deepest nesting of a YAML file."""
 LIBYAML_TOO_DEEP = "exceeded maximum nesting depth"
 """libyaml's own word, since 0.2.6, for a text nested more than 1000 deep; its scanner reads ahead of the events."""
+
+_MERGE = "<<"
+"""Key whose value is merged into a mapping; keys beside it override what it brings."""
+_OCTAL = re.compile(r"[-+]?0[0-7]+")
+_BASE_60 = re.compile(r"[-+]?[1-9][0-9]*(:[0-5]?[0-9])+(\.[0-9]*)?|[-+]?[0-9]+(:[0-5]?[0-9])+\.[0-9]*")
+"""As PyYAML has them; ``0:59`` is text for it."""
 
 _OTHERS = (
     (stat.S_ISDIR, "is a folder"),
@@ -95,9 +102,9 @@ def read_yaml(path: str | os.PathLike, loader: type[yaml.SafeLoader] = SafeLoade
         if problem := _excess(text):
             raise InputFileError(f"{path}: {problem}")
         content: object = yaml.load(text, loader)
-    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
-        if isinstance(error, InputFileError):
-            raise
+    except (InputFileError, MemoryError):
+        raise
+    except Exception as error:  # PyYAML raises more than its own: `!!int ''` is an IndexError
         if getattr(error, "problem", None) == LIBYAML_TOO_DEEP:
             raise InputFileError(f"{path}: is nested more than {MOST_DEPTH} deep") from None
         raise InputFileError(f"{path}: is not valid YAML: {' '.join(str(error).split())[:200]}") from None
@@ -106,8 +113,10 @@ def read_yaml(path: str | os.PathLike, loader: type[yaml.SafeLoader] = SafeLoade
 
 def _excess(text: str) -> str:
     """Why a YAML text is not loaded, found in its events, which are not nested; empty if it may be."""
-    sizes = _Sizes()
+    sizes, keys = _Sizes(), _Keys()
     for event in _events(text):
+        if problem := keys.take(event) or _ambiguity(event):
+            return f"line {event.start_mark.line + 1}: {problem}"
         if isinstance(event, (yaml.MappingStartEvent, yaml.SequenceStartEvent)):
             sizes.begin(event.anchor)
         elif isinstance(event, (yaml.MappingEndEvent, yaml.SequenceEndEvent)):
@@ -116,7 +125,9 @@ def _excess(text: str) -> str:
             sizes.add(1, event.anchor)
         elif isinstance(event, yaml.AliasEvent):
             if event.anchor not in sizes.by_anchor:
-                return f"contains itself: the alias '{event.anchor}' is inside what it stands for"
+                if event.anchor in [anchor for anchor, _ in sizes.open]:
+                    return f"contains itself: the alias '{event.anchor}' is inside what it stands for"
+                return f"line {event.start_mark.line + 1}: the alias '{event.anchor}' stands for nothing before it"
             sizes.add(sizes.by_anchor[event.anchor], None)
         if sizes.total > MOST_NODES:
             return f"stands for more than {MOST_NODES} values; is it a file of configs?"
@@ -127,6 +138,47 @@ def _excess(text: str) -> str:
 
 def _events(text: str) -> Iterator[yaml.Event]:
     return yaml.parse(text, SafeLoader)
+
+
+def _ambiguity(event: yaml.Event) -> str:
+    """Why a number is refused that YAML 1.1, which PyYAML reads, takes for another one than a reader."""
+    if not isinstance(event, yaml.ScalarEvent) or not event.implicit[0] or event.style:
+        return ""
+    text = event.value.replace("_", "")
+    if _OCTAL.fullmatch(text):
+        return f"'{text}' is the number {int(text, 8)} in YAML; write that, or '{text}' in quotes for text"
+    if _BASE_60.fullmatch(text):
+        return f"'{text}' is a number of base 60 in YAML; write '{text}' in quotes for text"
+    return ""
+
+
+class _Keys:
+    """Keys of the mappings of a YAML text: of two equal ones PyYAML takes the second without a word."""
+
+    def __init__(self) -> None:
+        self._open: list[tuple[set[str] | None, bool]] = []
+        """Keys of the mappings that have not ended, None for sequences; and whether a key comes next."""
+
+    def take(self, event: yaml.Event) -> str:
+        """Take the next event; returns what is wrong with it."""
+        if isinstance(event, (yaml.MappingEndEvent, yaml.SequenceEndEvent)):
+            self._open.pop()
+            return ""
+        if not isinstance(event, yaml.NodeEvent):
+            return ""
+        problem = ""
+        if self._open:
+            keys, is_key = self._open[-1]
+            if keys is not None and is_key and isinstance(event, yaml.ScalarEvent) and event.value != _MERGE:
+                if event.value in keys:
+                    problem = f"the key '{event.value[:80]}' is there twice"
+                keys.add(event.value)
+            self._open[-1] = keys, not is_key
+        if isinstance(event, yaml.MappingStartEvent):
+            self._open.append((set(), True))
+        elif isinstance(event, yaml.SequenceStartEvent):
+            self._open.append((None, False))
+        return problem
 
 
 class _Sizes:

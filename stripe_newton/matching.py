@@ -7,6 +7,8 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 
+from stripe_newton.expressions import full_match, reason_of
+
 __all__ = ["NoMatchError", "match_names", "match_values", "near_matches"]
 
 
@@ -26,7 +28,8 @@ def match_names(
         what: Kind of thing that is named, for the error message.
 
     Raises:
-        NoMatchError: if an expression matches nothing, with the names that there are, or is no regular expression.
+        NoMatchError: if an expression matches nothing, with the names that there are, or is no regular expression
+            that can be matched in bounded time.
 
     Example:
         >>> match_names("left_.*", ["left_hip", "right_hip", "left_knee"])
@@ -38,9 +41,9 @@ def match_names(
     for order, key in enumerate(keys):
         # fullmatch(): "leg" must not match "left_leg_joint" by accident.
         try:
-            hits = [i for i, name in enumerate(names) if re.fullmatch(key, name)]
-        except (re.error, RecursionError) as error:
-            raise NoMatchError(f"{what} expression '{key}' is no regular expression: {error}") from None
+            hits = [i for i, name in enumerate(names) if full_match(key, name)]
+        except re.error as error:
+            raise NoMatchError(f"{what} expression '{key}' {reason_of(error)}") from None
         if not hits:
             missing.append(key)
         for i in hits:

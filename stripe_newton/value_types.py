@@ -21,15 +21,41 @@ import numbers
 import os
 import re
 import reprlib
-import sys
 import types
 import typing
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal
 
 import typing_extensions
 from typing_extensions import is_typeddict
+
+from .field_annotations import (
+    InheritedText,
+    TypeForm,
+    Unknown,
+    UnknownType,
+    annotation_of,
+    annotations_of,
+    has_mark,
+)
+from .value_marks import (
+    CODE,
+    INFINITE,
+    MOST_INT,
+    WRITTEN,
+    AnyFloat,
+    CodeName,
+    NonNegativeFloat,
+    NonNegativeInt,
+    NonNegativeLimit,
+    PositiveFloat,
+    PositiveInt,
+    Range,
+    Seed,
+    UnitFloat,
+    WrittenPath,
+)
 
 __all__ = [
     "CODE",
@@ -57,74 +83,10 @@ __all__ = [
     "value_type",
 ]
 
-TypeForm: TypeAlias = Any
-"""A type as an annotation has it: a class, a union, a generic. Python has no common type for them."""
-
-
-@dataclass(frozen=True)
-class Range:
-    """Bounds of a number, for an annotation: ``Annotated[float, Range(above=0.0)]``."""
-
-    at_least: float | None = None
-    """Smallest number."""
-    at_most: float | None = None
-    """Largest number."""
-    above: float | None = None
-    """Bound that is smaller than every number."""
-    below: float | None = None
-    """Bound that is larger than every number."""
-
-    def holds(self, value: float) -> bool:
-        """Whether a number is within the bounds."""
-        return (
-            (self.at_least is None or value >= self.at_least)
-            and (self.at_most is None or value <= self.at_most)
-            and (self.above is None or value > self.above)
-            and (self.below is None or value < self.below)
-        )
-
-    def __str__(self) -> str:
-        if self.at_least is not None and self.at_most not in (None, _MOST):
-            return f"from {self.at_least:.12g} to {self.at_most:.12g}"
-        most = None if self.at_most == _MOST else self.at_most  # a bound that few come near to
-        named = {"of at least": self.at_least, "above": self.above, "at most": most, "below": self.below}
-        return " and ".join(f"{words} {value:.12g}" for words, value in named.items() if value is not None)
-
-
-INFINITE = "infinity means something"
-"""Mark of a number that may be infinite, for an annotation: ``Annotated[float, INFINITE]``. NaN stays wrong."""
-
-CODE = "names code"
-"""Mark of a text that names a class, a function, or a file of code."""
-WRITTEN = "names a place that is written"
-"""Mark of a text that names a file or folder that is written."""
-
-CodeName: TypeAlias = Annotated[str, CODE]
-"""A name of a class or function, ``module:Name``, or a file of code. Of saved configs only trusted ones are used."""
-WrittenPath: TypeAlias = Annotated[str, WRITTEN]
-"""A file or folder that is written. None is taken from a saved config."""
-AnyFloat: TypeAlias = Annotated[float, INFINITE]
-"""A number that may be infinite."""
-PositiveFloat: TypeAlias = Annotated[float, Range(above=0.0)]
-"""A finite number above 0."""
-NonNegativeFloat: TypeAlias = Annotated[float, Range(at_least=0.0)]
-"""A finite number of at least 0."""
-NonNegativeLimit: TypeAlias = Annotated[float, INFINITE, Range(at_least=0.0)]
-"""A number of at least 0, or infinity for no limit."""
-UnitFloat: TypeAlias = Annotated[float, Range(at_least=0.0, at_most=1.0)]
-"""A number from 0 to 1."""
-_MOST = 2**31 - 1
-PositiveInt: TypeAlias = Annotated[int, Range(at_least=1, at_most=_MOST)]
-"""A whole number of at least 1 that fits 32 bits, as indices on a device do."""
-NonNegativeInt: TypeAlias = Annotated[int, Range(at_least=0, at_most=_MOST)]
-"""A whole number of at least 0 that fits 32 bits."""
-Seed: TypeAlias = Annotated[int, Range(at_least=0, at_most=_MOST)]
-"""A seed that Python, NumPy, torch and Warp all take."""
-
 
 @dataclass(frozen=True)
 class ValueType:
-    """What an annotation allows."""
+    """Type of values, as an annotation allows them."""
 
     text: str
     """In words, such as ``"a number above 0 or None"``."""
@@ -132,7 +94,7 @@ class ValueType:
     """Whether a value is of this type."""
 
     def problem(self, value: object) -> str | None:
-        """What is wrong with a value, and what would be right; None if it fits."""
+        """Problem of a value, and what would be right; None if it fits."""
         if self.fits(value):
             return None
         return f"is {short(value)}, must be {self.text}{_too_large(value)}"
@@ -158,100 +120,11 @@ def short(value: object) -> str:
         return f"a {type(value).__name__}"
 
 
-# -- annotations
-
-
-class _UnknownType(type):
-    """Type of :class:`_Unknown`, which may be used in an annotation like any type."""
-
-    def __getattr__(cls, name: str) -> type:
-        if name.startswith("__"):  # what Python itself looks for
-            raise AttributeError(name)
-        return cls
-
-    def __getitem__(cls, item: object) -> type:
-        return cls
-
-
-class _Unknown(metaclass=_UnknownType):
-    """Stands for names in annotations that exist for type checkers alone."""
-
-
-class _Names(dict):
-    """Names for the evaluation of an annotation."""
-
-    def __missing__(self, name: str) -> object:
-        return vars(typing).get(name, _Unknown)
-
-
-class InheritedText(str):
-    """The text of an annotation that a field without one has from a base, whose module alone has the names in it."""
-
-
-@functools.cache
-def annotation_of(cls: type, name: str) -> TypeForm | None:
-    """The annotation of a field, evaluated in the module that has it.
-
-    Args:
-        cls: The class that has or inherits the field.
-        name: The field.
-
-    Returns:
-        The annotation, or None if there is none or it cannot be evaluated.
-    """
-    return next(iter(annotations_of(cls, name)), None)
-
-
-@functools.cache
-def annotations_of(cls: type, name: str, binding: bool = False) -> tuple[TypeForm, ...]:
-    """Annotations of a field in a class and its bases, those that can be evaluated, nearest first.
-
-    Args:
-        cls: A config class.
-        name: The field.
-        binding: Leave out those of classes that have ``ANNOTATIONS_ARE_HINTS`` of their own.
-    """
-    found: list[TypeForm] = []
-    for base in cls.__mro__:
-        if binding and vars(base).get("ANNOTATIONS_ARE_HINTS", False):
-            continue
-        kind = inspect.get_annotations(base).get(name)
-        if isinstance(kind, str):
-            kind = None if isinstance(kind, InheritedText) else _evaluated(kind, base)
-        if kind is not None:
-            found.append(kind)
-    # A bare number says nothing of the range that a base gives it: `decimation: int = 4` stays at least 1.
-    bounded = {typing.get_args(kind)[0] for kind in found if _origin(kind) is Annotated}
-    return tuple(kind for kind in found if kind not in (int, float) or kind not in bounded)
-
-
-def _origin(kind: TypeForm) -> object:
-    return typing.get_origin(kind)
-
-
-def _evaluated(text: str, base: type) -> TypeForm | None:
-    module = sys.modules.get(base.__module__)
-    names = _Names({**vars(__import__("builtins")), **(vars(module) if module else {}), **vars(base)})
-    try:
-        return eval(text, {"__builtins__": {}}, names)
-    except Exception:  # such as a subscript of a class that takes none at run time
-        return None
-
-
-def has_mark(kind: TypeForm, mark: str) -> bool:
-    """Whether an annotation, or a part of it, has a mark such as :data:`CODE`."""
-    origin: object = typing.get_origin(kind)
-    args = typing.get_args(kind)
-    if origin is Annotated and mark in [arg for arg in args[1:] if isinstance(arg, str)]:
-        return True
-    return any(has_mark(arg, mark) for arg in args if arg is not Ellipsis and not isinstance(arg, (str, list)))
-
-
 # -- types of values
 
 
 def value_type(kind: TypeForm) -> ValueType:
-    """What an annotation allows."""
+    """The type of values that an annotation allows."""
     try:
         return _cached(kind)
     except TypeError:  # unhashable metadata
@@ -302,8 +175,8 @@ def _too_large(value: Any) -> str:
     """Why a number that is finite is none that a device can hold; empty for other values."""
     if not _is_real(value) or value != value or value in (math.inf, -math.inf):
         return ""
-    if _is_whole(value) and _MOST < value <= _LARGEST:
-        return f", and {_MOST} at most"
+    if _is_whole(value) and MOST_INT < value <= _LARGEST:
+        return f", and {MOST_INT} at most"
     return "" if _is_finite(value) else ", and 3.4e38 at most, as float32 holds no more"
 
 
@@ -331,7 +204,7 @@ _PLAIN: dict[TypeForm, ValueType] = {
     collections.abc.Mapping: ValueType("a dict", lambda value: isinstance(value, Mapping)),
     object: _ANYTHING,
     Any: _ANYTHING,
-    _Unknown: _ANYTHING,
+    Unknown: _ANYTHING,
 }
 
 
@@ -405,7 +278,7 @@ def _sequence(item: ValueType) -> ValueType:
 
 def _subclass(base: TypeForm) -> ValueType:
     """Subclasses of a class; any class where the base is no class, or is a name for type checkers alone."""
-    if not isinstance(base, type) or isinstance(base, _UnknownType) or getattr(base, "_is_protocol", False):
+    if not isinstance(base, type) or isinstance(base, UnknownType) or getattr(base, "_is_protocol", False):
         return _PLAIN[type]
     text = f"{base.__name__}, or a subclass of it"
     return ValueType(text, lambda value: isinstance(value, type) and issubclass(value, base))
@@ -477,7 +350,7 @@ def _class(cls: type) -> ValueType:
 
 
 def mismatches(value: object, kind: TypeForm, path: str = "") -> Iterator[str]:
-    """What does not fit in a nested value, each as ``path: what is wrong, what would be right``.
+    """Problems of a nested value, each as ``path: what is wrong, what would be right``.
 
     Args:
         value: Such as the content of a file.

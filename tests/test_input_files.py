@@ -24,6 +24,13 @@ ALIASES = "a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "\n".join(
         ("- " * 300, "is nested more than 100 deep"),
         ("- " * 5000, "is nested more than 100 deep"),
         ("a: [", "is not valid YAML"),
+        ("a: *b", "line 1: the alias 'b' stands for nothing before it"),
+        ("a: {b: 1, c: 2}\nd: 3\na: 4", "line 3: the key 'a' is there twice"),
+        ("- a: 1\n- {x: {a: 1, b: [2], 'a': 3}}", "line 2: the key 'a' is there twice"),
+        ("a: [010]", "line 1: '010' is the number 8 in YAML"),
+        ("a: 1:30:00.5", "line 1: '1:30:00.5' is a number of base 60 in YAML"),
+        ("a: !!int ''", "is not valid YAML: string index out of range"),
+        ("a: !!timestamp x", "is not valid YAML: "),
         ("a: !!python/object/apply:os.system ['true']", "is not valid YAML: could not determine a constructor"),
         ("a: " + "9" * 5000, "is not valid YAML: Exceeds the limit"),
         ("x" * (1 << 24) + "yz", "is larger than 17 MB"),
@@ -43,6 +50,19 @@ def test_yaml_that_is_refused(tmp_path, text, message):
 def test_aliases_that_stand_for_little_are_read(tmp_path):
     (tmp_path / "a.yaml").write_text("a: &a {x: 1}\nb: [*a, *a]\n")
     assert read_yaml(tmp_path / "a.yaml") == {"a": {"x": 1}, "b": [{"x": 1}, {"x": 1}]}
+
+
+def test_keys_of_different_mappings_and_merged_ones_may_be_equal(tmp_path):
+    text = "x: &x {a: 1, b: 2}\ny: {<<: *x, a: 3}\nz: [{a: 1}, {a: 2}, a, a]\nw: '010'\nv: 0.10\nu: 00:a\n"
+    (tmp_path / "a.yaml").write_text(text)
+    assert read_yaml(tmp_path / "a.yaml") == {
+        "x": {"a": 1, "b": 2},
+        "y": {"a": 3, "b": 2},
+        "z": [{"a": 1}, {"a": 2}, "a", "a"],
+        "w": "010",
+        "v": 0.1,
+        "u": "00:a",
+    }
 
 
 def test_what_is_no_regular_file_is_not_opened(tmp_path):

@@ -17,7 +17,7 @@ __all__ = [
     "finite_action",
     "log_add",
     "make_actions_finite",
-    "prefetch_row",
+    "prefetch",
     "reset_targets",
     "restore_row",
     "row_is_finite",
@@ -35,14 +35,15 @@ LOG_LAST = wp.constant(2)
 # Warp has no prefetch, so PTX says it. Nothing waits for a prefetch, whereas a load would stall the loads behind it.
 _PREFETCH = """
 #if defined(__CUDA_ARCH__)
-    asm volatile("prefetch.global.L1 [%0];" :: "l"((const char*)array.data + (size_t)row * array.strides[0]));
+    if (byte < row.shape[0] * row.strides[0])
+        asm volatile("prefetch.global.L1 [%0];" :: "l"((const char*)row.data + byte));
 #endif
 """
 
 
 @wp.func_native(_PREFETCH)
-def prefetch_row(array: wp.array(dtype=Any, ndim=1), row: int):
-    """Prefetch ``array[row]`` into the L1 cache without waiting for it; does nothing on the CPU."""
+def prefetch(row: wp.array(dtype=Any, ndim=1), byte: int):
+    """Prefetch the 32 bytes around a byte of a row into the L1 cache, without waiting; does nothing on the CPU."""
 
 
 @wp.func

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures: kernels that shade the distances, normals and shapes traced by Newton's camera sensor.
+"""Picture kernels: pixels, smooth edges and shadow map of a frame, from what the rays of Newton's camera sensor hit.
 
-The sensor's rays give the geometry. Light, shadow, ground pattern, sky and fog are computed here, once for each sample.
-Colours are linear RGB until :func:`encode` writes sRGB bytes.
+The rays give distance, normal and shape; :mod:`.picture_light` gives the colour of a sample, and :mod:`.picture_colors`
+its bytes.
 """
 
 import warp as wp
+
+from .picture_colors import encode, pack_color, texture_color
+from .picture_light import Look, shade
 
 __all__ = [
     "SAMPLES",
@@ -24,42 +27,7 @@ SAMPLES = 4
 """Rays through a pixel that lies on an edge."""
 
 FAR = wp.constant(1.0e30)
-STEEPEST = wp.constant(20.0)
-"""Largest slope of a surface towards the sun by which the shadow test follows it."""
 NO_HIT = wp.constant(wp.uint32(0xFFFFFFFF))
-
-
-@wp.struct
-class Look:
-    """Camera, light, air and shadow map of a frame: the inputs that all pixels share."""
-
-    width: wp.int32  # pixels
-    height: wp.int32
-    tan_x: wp.float32  # half the picture's width and height at distance 1
-    tan_y: wp.float32
-    eye: wp.vec3f  # position of the camera in the world [m]
-    right: wp.vec3f  # axes of the camera in the world, unit vectors; it looks along -back
-    up: wp.vec3f
-    back: wp.vec3f
-    to_sun: wp.vec3f  # unit vector
-    sun: wp.vec3f  # radiance of the sun, of the sky from above and of the ground from below, linear RGB
-    sky: wp.vec3f
-    ground: wp.vec3f
-    horizon: wp.vec3f  # colours of the sky, linear RGB
-    zenith: wp.vec3f
-    fog_start: wp.float32  # distance from the camera [m]
-    fog_length: wp.float32  # [m], 0: none
-    near: wp.float32  # distance from which on scenery other than the ground is shown [m]
-    haze: wp.float32  # share of light lost to haze [1/m], 0: none
-    air: wp.float32  # brightness of the haze: less below a canopy
-    exposure: wp.float32
-    tile: wp.float32  # side of a square of the ground pattern [m]
-    shadow_size: wp.int32  # side of the shadow map [texels], 0: no shadows
-    shadow_half: wp.float32  # half the side of the shadow map [m]
-    shadow_start: wp.float32  # distance from the map's centre towards the sun at which its rays begin [m]
-    shadow_center: wp.vec3f  # in the world [m]
-    shadow_x: wp.vec3f  # axes of the shadow map in the world, unit vectors
-    shadow_y: wp.vec3f
 
 
 @wp.func
@@ -83,266 +51,38 @@ def sample_offset(sample: int):
 
 
 @wp.func
-def sky_color(look: Look, direction: wp.vec3f):
-    """Colour of the sky in a direction: a gradient from horizon to zenith and a glow around the sun."""
-    height = wp.clamp(direction[2], 0.0, 1.0)
-    blend = 1.0 - (1.0 - height) * (1.0 - height)
-    blend = blend * (1.55 - 0.55 * blend)
-    color = look.horizon + (look.zenith - look.horizon) * blend
-    glow = wp.max(wp.dot(direction, look.to_sun), 0.0)
-    glow = glow * glow
-    glow = glow * glow
-    return color + look.sun * (0.05 * glow * glow)
-
-
-@wp.func
-def checker_integral(x: float):
-    """Integral from 0 to ``x`` of the square wave that is +1 on [0, 1) and -1 on [1, 2)."""
-    h = 0.5 * x
-    return 1.0 - wp.abs(2.0 * (h - wp.floor(h)) - 1.0)
-
-
-@wp.func
-def line_integral(x: float, half: float):
-    """Integral up to ``x`` of the comb that is 1 within ``half`` of a whole number and 0 elsewhere."""
-    n = wp.floor(x + half)
-    return n * 2.0 * half + wp.min(x + half - n, 2.0 * half)
-
-
-@wp.func
-def ground_pattern(look: Look, point: wp.vec3f, direction: wp.vec3f, normal: wp.vec3f, distance: float):
-    """Brightness factor of the ground: squares and their joints, averaged over the pixel's footprint."""
-    # A box filter in closed form: the difference of the pattern's integrals at both ends of the footprint, over its
-    # width. A pattern sampled at a point would flicker far away, where many squares fall into a pixel.
-    pixel = 2.0 * look.tan_y / float(look.height) * distance
-    slope = wp.max(wp.abs(wp.dot(direction, normal)), 1.0e-3)
-    flat = wp.vec2f(direction[0], direction[1])
-    flat_length = wp.max(wp.length(flat), 1.0e-6)
-    along_x = wp.abs(flat[0]) / flat_length
-    along_y = wp.abs(flat[1]) / flat_length
-    stretch = pixel / slope
-    wx = (along_x * stretch + along_y * pixel) / look.tile + 1.0e-4
-    wy = (along_y * stretch + along_x * pixel) / look.tile + 1.0e-4
-    x = point[0] / look.tile
-    y = point[1] / look.tile
-    cx = (checker_integral(x + 0.5 * wx) - checker_integral(x - 0.5 * wx)) / wx
-    cy = (checker_integral(y + 0.5 * wy) - checker_integral(y - 0.5 * wy)) / wy
-    half = 0.009
-    lx = (line_integral(x + 0.5 * wx, half) - line_integral(x - 0.5 * wx, half)) / wx
-    ly = (line_integral(y + 0.5 * wy, half) - line_integral(y - 0.5 * wy, half)) / wy
-    line = lx + ly - lx * ly
-    return (1.0 + 0.075 * cx * cy) * (1.0 + 0.38 * line)
-
-
-@wp.func
-def shadow_tap(casters: wp.array[wp.float32], size: int, ix: int, iy: int, depth: float):
-    """Shadow test: 1 if the caster of texel (ix, iy) is nearer to the sun than ``depth`` [m], else 0; 0 off the map."""
-    if ix < 0 or iy < 0 or ix >= size or iy >= size:
-        return 0.0
-    if casters[iy * size + ix] < depth:
-        return 1.0
-    return 0.0
-
-
-@wp.func
-def sun_visibility(look: Look, casters: wp.array[wp.float32], point: wp.vec3f, normal: wp.vec3f):
-    """Share of the sun that reaches ``point``: the shadow-map texels around it, weighted by a smooth bump."""
-    size = look.shadow_size
-    texel = 2.0 * look.shadow_half / float(size)
-    # Two texels along the normal here, and 1.5 towards the sun below: a texel holds one depth for all of its area, and
-    # without both a slanted surface would cast shadows on itself.
-    p = point + normal * (2.0 * texel) - look.shadow_center
-    x = (wp.dot(p, look.shadow_x) / look.shadow_half * 0.5 + 0.5) * float(size)
-    y = (0.5 - wp.dot(p, look.shadow_y) / look.shadow_half * 0.5) * float(size)
-    if x < -3.0 or y < -3.0 or x > float(size) + 3.0 or y > float(size) + 3.0:
-        return 1.0
-    depth = look.shadow_start - wp.dot(p, look.to_sun) - 1.5 * texel
-    # The surface goes on in its plane: further from the sun on one side of the point, nearer on the other. Without
-    # this, low light would find the surface itself in the texels around. Bounded, as no surface goes on for long.
-    facing = wp.max(wp.dot(normal, look.to_sun), 1.0e-3)
-    du = wp.clamp(wp.dot(normal, look.shadow_x) / facing, -STEEPEST, STEEPEST) * texel
-    dv = wp.clamp(-wp.dot(normal, look.shadow_y) / facing, -STEEPEST, STEEPEST) * texel
-    ix = int(wp.floor(x))
-    iy = int(wp.floor(y))
-    depth += du * (float(ix) + 0.5 - x) + dv * (float(iy) + 0.5 - y)
-    # Five probes decide for most points, which lie well inside the light or the shadow; only the rest pays for 25.
-    probe = (
-        shadow_tap(casters, size, ix, iy, depth)
-        + shadow_tap(casters, size, ix - 2, iy - 2, depth - 2.0 * (du + dv))
-        + shadow_tap(casters, size, ix + 2, iy - 2, depth + 2.0 * (du - dv))
-        + shadow_tap(casters, size, ix - 2, iy + 2, depth - 2.0 * (du - dv))
-        + shadow_tap(casters, size, ix + 2, iy + 2, depth + 2.0 * (du + dv))
-    )
-    if probe == 0.0:
-        return 1.0
-    if probe == 5.0:
-        return 0.0
-    blocked = 0.0
-    total = 0.0
-    for j in range(-2, 3):
-        fy = (float(iy + j) + 0.5 - y) / 2.6
-        weight_y = wp.max(1.0 - fy * fy, 0.0)
-        for i in range(-2, 3):
-            fx = (float(ix + i) + 0.5 - x) / 2.6
-            weight = weight_y * wp.max(1.0 - fx * fx, 0.0)
-            total += weight
-            blocked += weight * shadow_tap(casters, size, ix + i, iy + j, depth + du * float(i) + dv * float(j))
-    return 1.0 - blocked / total
-
-
-@wp.func
-def to_linear(c: float):
-    """Linear value of an sRGB value, both 0 to 1, by a polynomial (error below 0.002)."""
-    return c * (c * (c * 0.305306 + 0.682171) + 0.012523)
-
-
-@wp.func
-def texture_color(packed: wp.uint32):
-    """Linear RGB of a packed sRGB colour, red in its lowest byte."""
-    return wp.vec3f(
-        to_linear(float(packed & wp.uint32(255)) / 255.0),
-        to_linear(float((packed >> wp.uint32(8)) & wp.uint32(255)) / 255.0),
-        to_linear(float((packed >> wp.uint32(16)) & wp.uint32(255)) / 255.0),
-    )
-
-
-@wp.func
-def shade(
-    look: Look,
-    eye: wp.vec3f,
-    direction: wp.vec3f,
-    distance: float,
-    hit: wp.bool,
-    hit_normal: wp.vec3f,
-    albedo: wp.vec3f,
-    ground: wp.bool,
-    casters: wp.array[wp.float32],
-    detail: wp.vec4f,
-):
-    """Colour of one sample after tone mapping: linear RGB, 0 to 1. Videos and camera sensors share it.
-
-    Args:
-        look: Light and air; its camera gives the size of a pixel alone.
-        eye: Start of the ray in the world [m].
-        direction: Unit vector along the ray in the world.
-        distance: Length of the ray [m].
-        hit: Whether it ends on a surface; otherwise the sample shows the sky.
-        hit_normal: Normal of the surface in the world, on either side.
-        albedo: Colour of the surface, linear RGB.
-        ground: Whether it is a ground plane or height field, which have squares.
-        casters: Shadow map.
-        detail: Radiance of scenery, which was lit before, and -1; otherwise the last number is the share of the sun
-            that other things let through.
-    """
-    backdrop = sky_color(look, direction)
-    color = backdrop
-    if not hit:
-        # Darker below the horizon, where nothing is: an even colour there would look like fog.
-        below = wp.clamp(-1.5 * direction[2], 0.0, 1.0)
-        color = backdrop * (1.0 - 0.45 * below)
-        if look.haze > 0.0:
-            color = color * wp.pow(look.exposure, 0.2)
-    elif detail[3] < 0.0:
-        color = wp.vec3f(detail[0], detail[1], detail[2])
-    else:
-        normal = hit_normal
-        if wp.dot(normal, direction) > 0.0:
-            normal = -normal
-        point = eye + direction * distance
-        facing = wp.dot(normal, look.to_sun)
-        lit = wp.max(facing, 0.0)
-        if lit > 0.0 and look.shadow_size > 0:
-            lit = lit * sun_visibility(look, casters, point, normal)
-        lit = lit * detail[3]
-        upness = 0.5 * normal[2] + 0.5
-        light = look.ground + (look.sky - look.ground) * upness + look.sun * lit
-        if ground:
-            color = wp.cw_mul(albedo * ground_pattern(look, point, direction, normal, distance), light)
-        else:
-            color = wp.cw_mul(albedo, light)
-            # Blinn-Phong highlight with exponent 32, by five squarings, and a rim of reflected sky.
-            half = wp.max(wp.dot(normal, wp.normalize(look.to_sun - direction)), 0.0)
-            gloss = half * half
-            gloss = gloss * gloss
-            gloss = gloss * gloss
-            gloss = gloss * gloss
-            gloss = gloss * gloss
-            rim = 1.0 - wp.max(-wp.dot(normal, direction), 0.0)
-            rim = rim * rim * rim
-            color = color + look.sun * (0.16 * gloss * lit) + look.horizon * (0.16 * rim * upness)
-    if hit:
-        if look.haze > 0.0:
-            # Haze has the colour of the sky near the horizon, also where the ray points up or down.
-            low = wp.vec3f(direction[0], direction[1], wp.max(0.3 * direction[2], 0.0))
-            air = sky_color(look, low)
-            color = color * look.exposure
-            air = air * (look.air * wp.pow(look.exposure, 0.2))
-            color = color + (air - color) * (1.0 - wp.exp(-look.haze * distance))
-        elif look.fog_length > 0.0:
-            deep = wp.max(distance - look.fog_start, 0.0) / look.fog_length
-            fog = 1.0 - wp.exp(-deep * wp.min(deep, 1.0))
-            color = color + (look.horizon - color) * fog
-    return wp.vec3f(tone(color[0]), tone(color[1]), tone(color[2]))
-
-
-@wp.func
 def shade_sample(
     look: Look,
     direction: wp.vec3f,
-    distance: float,
-    shape: wp.uint32,
-    normal: wp.vec3f,
-    packed_albedo: wp.uint32,
+    i: int,
+    depth: wp.array[wp.float32],
+    shape: wp.array[wp.uint32],
+    normal: wp.array[wp.vec3f],
+    albedo: wp.array[wp.uint32],
     colors: wp.array[wp.vec3f],
     is_ground: wp.array[wp.int32],
     casters: wp.array[wp.float32],
-    detail: wp.vec4f,
+    detail: wp.array[wp.vec4f],
 ):
-    """Shade what a ray of the frame's camera found, with the colour of its shape or texture."""
+    """Shade what ray ``i`` of the frame's camera found, with the colour of its shape or texture.
+
+    ``albedo`` is empty if no shape has a texture, ``detail`` if there is no scenery.
+    """
     ground = wp.bool(False)
-    albedo = wp.vec3f(0.75, 0.75, 0.75)
-    if shape < wp.uint32(colors.shape[0]):
-        albedo = colors[wp.int32(shape)]
-        ground = is_ground[wp.int32(shape)] != 0
-    if packed_albedo != wp.uint32(0):
-        albedo = texture_color(packed_albedo)
-    hit = shape != NO_HIT
-    return shade(look, look.eye, direction, distance, hit, normal, albedo, ground, casters, detail)
-
-
-@wp.func
-def tone(c: float):
-    """Tone mapping: Reinhard's curve with a white point (Reinhard et al. 2002, eq. 4)."""
-    x = 1.75 * wp.max(c, 0.0)
-    return wp.min(x * (1.0 + x / 3.2) / (1.0 + x), 1.0)
-
-
-@wp.func
-def encode_channel(c: float):
-    """Encode a linear value, 0 to 1, as an sRGB byte, by square roots (error below 1/255)."""
-    s1 = wp.sqrt(c)
-    s2 = wp.sqrt(s1)
-    s3 = wp.sqrt(s2)
-    x = 0.662002687 * s1 + 0.684122060 * s2 - 0.323583601 * s3 - 0.0225411470 * c
-    return wp.uint8(wp.clamp(x, 0.0, 1.0) * 255.0 + 0.5)
-
-
-@wp.func
-def pack_color(color: wp.vec3f):
-    """Linear colour as packed sRGB bytes, red in the lowest one and 255 in the highest."""
-    red = wp.uint32(encode_channel(color[0]))
-    green = wp.uint32(encode_channel(color[1]))
-    blue = wp.uint32(encode_channel(color[2]))
-    opaque = wp.uint32(255) << wp.uint32(24)
-    return opaque | (blue << wp.uint32(16)) | (green << wp.uint32(8)) | red
-
-
-@wp.func
-def encode(color: wp.vec3f, pixel: int, picture: wp.array[wp.uint8]):
-    """Write a linear colour as three sRGB bytes."""
-    picture[3 * pixel] = encode_channel(color[0])
-    picture[3 * pixel + 1] = encode_channel(color[1])
-    picture[3 * pixel + 2] = encode_channel(color[2])
+    color = wp.vec3f(0.75, 0.75, 0.75)
+    if shape[i] < wp.uint32(colors.shape[0]):
+        color = colors[wp.int32(shape[i])]
+        ground = is_ground[wp.int32(shape[i])] != 0
+    packed = wp.uint32(0)
+    if albedo.shape[0] > 0:
+        packed = albedo[i]
+    if packed != wp.uint32(0):
+        color = texture_color(packed)
+    lit = wp.vec4f(0.0, 0.0, 0.0, 1.0)
+    if detail.shape[0] > 0:
+        lit = detail[i]
+    hit = shape[i] != NO_HIT
+    return shade(look, look.eye, direction, depth[i], hit, normal[i], color, ground, casters, lit)
 
 
 @wp.kernel(enable_backward=False)
@@ -366,23 +106,12 @@ def shade_pixels(
     picture: wp.array[wp.uint8],
     pixels: wp.array[wp.int32],
 ):
-    """Shade one ray through the middle of each listed pixel; one thread a listed pixel.
-
-    ``albedo`` is empty if no shape has a texture, ``detail`` if there is no scenery.
-    """
+    """Shade one ray through the middle of each listed pixel; one thread a listed pixel."""
     pixel = pixels[wp.tid()]
     x = pixel % look.width
     y = pixel // look.width
     direction = sample_direction(look, float(x) + 0.5, float(y) + 0.5)
-    packed = wp.uint32(0)
-    if albedo.shape[0] > 0:
-        packed = albedo[pixel]
-    lit = wp.vec4f(0.0, 0.0, 0.0, 1.0)
-    if detail.shape[0] > 0:
-        lit = detail[pixel]
-    color = shade_sample(
-        look, direction, depth[pixel], shape[pixel], normal[pixel], packed, colors, is_ground, casters, lit
-    )
+    color = shade_sample(look, direction, pixel, depth, shape, normal, albedo, colors, is_ground, casters, detail)
     encode(color, pixel, picture)
 
 
@@ -483,13 +212,7 @@ def resolve_edges(
         i = slot * wp.static(SAMPLES) + sample
         offset = sample_offset(sample)
         direction = sample_direction(look, float(x) + offset[0], float(y) + offset[1])
-        packed = wp.uint32(0)
-        if albedo.shape[0] > 0:
-            packed = albedo[i]
-        lit = wp.vec4f(0.0, 0.0, 0.0, 1.0)
-        if detail.shape[0] > 0:
-            lit = detail[i]
-        total += shade_sample(look, direction, depth[i], shape[i], normal[i], packed, colors, is_ground, casters, lit)
+        total += shade_sample(look, direction, i, depth, shape, normal, albedo, colors, is_ground, casters, detail)
     encode(total / float(wp.static(SAMPLES)), pixel, picture)
 
 

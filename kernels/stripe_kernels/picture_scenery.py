@@ -7,8 +7,8 @@ first: among trees most rays end a few metres away, and meshes behind that are n
 
 import warp as wp
 
-from stripe_kernels.picture import Look, sky_color, sun_visibility
 from stripe_kernels.picture_leaves import LeafStyle, leaf_at
+from stripe_kernels.picture_light import Look, sky_color, sun_visibility
 from stripe_kernels.picture_noise import ground_albedo, lattice, value_noise
 
 __all__ = ["FOLIAGE", "GROUND", "PLAIN", "SMOOTH", "SOLID", "SceneryMeshes", "scenery_distances", "trace_scenery"]

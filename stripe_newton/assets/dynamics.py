@@ -20,7 +20,7 @@ __all__ = ["ArticulationDynamics"]
 
 
 class ArticulationDynamics:
-    """What the state of an articulation implies for its motion; computed when it is asked for.
+    """Dynamics of an articulation in its present state, computed when they are asked for.
 
     Columns are degrees of freedom in the order of ``joint_names``. Where the root floats, six columns stand before
     them: the linear velocity of its centre of mass and its angular velocity, world frame.

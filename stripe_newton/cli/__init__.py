@@ -18,7 +18,7 @@ from stripe_newton.rl.errors import CheckpointError, DivergedError, ExportError,
 from stripe_newton.threads import watch_cores
 
 from .end_signals import EndedBySignal, begin, end_on_signals, ended_by, leave, leave_signals
-from .system_errors import system_message
+from .system_errors import system_message, working_directory_hint
 from .user_error import UserError
 from .warning_lines import show_warnings_as_lines
 
@@ -92,7 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         message = str(error) if _is_user_error(error) else system_message(error)
         if message is None:
             raise
-        print(f"error: {message}", file=sys.stderr)
+        print(f"error: {message}{working_directory_hint()}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

@@ -41,7 +41,7 @@ def make_deterministic(device: str | None) -> None:
 
 
 def promise(env: RslRlVecEnvWrapper) -> str:
-    """What will be the same in every run with an environment, as a line.
+    """Line that says what will be the same in every run with an environment.
 
     Raises:
         UserError: if its physics cannot be.

@@ -60,8 +60,12 @@ def cache_message(place: str | os.PathLike, reason: str) -> str | None:
         place: The file or folder: the cache, one in it, or one of the folders above it, which are made for it.
         reason: The reason of the system.
     """
-    folder, path = cache_folder(), Path(os.path.abspath(place))
+    folder = cache_folder()
     if folder is None:
+        return None
+    try:
+        path = Path(os.path.abspath(place))
+    except FileNotFoundError:  # a relative place, and the working directory is gone
         return None
     is_on_the_way = folder.is_relative_to(path) and not os.path.isdir(folder)
     if not (is_on_the_way or path.is_relative_to(folder)):

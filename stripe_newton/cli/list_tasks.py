@@ -36,7 +36,7 @@ def run(argv: list[str]) -> int:
 
 
 def description(task: str) -> str:
-    """What a task is: the description that it was registered with, else the first sentence about its config."""
+    """Description of a task: the one that it was registered with, else the first sentence about its config."""
     kwargs = gymnasium.spec(task).kwargs
     return str(kwargs.get("description_entry_point") or describe_entry(kwargs["env_cfg_entry_point"]))
 

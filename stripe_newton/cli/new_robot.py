@@ -48,7 +48,7 @@ _FLOATING = {
 
 
 def robot_values(file: Path, floating: bool | None = None) -> dict[str, str]:
-    """What the template of a robot has to know of its file, by placeholder.
+    """Values for the template of a robot, read from its file, by placeholder.
 
     Args:
         file: The file.

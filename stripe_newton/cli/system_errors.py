@@ -10,7 +10,7 @@ import re
 from .kernel_cache import cache_message
 from .user_error import TRACEBACK
 
-__all__ = ["system_message"]
+__all__ = ["system_message", "working_directory_hint"]
 
 _NO_MEMORY = re.compile(
     r"out of memory|can't allocate memory|cannot allocate memory|failed to allocate|not enough memory|bad_alloc", re.I
@@ -21,6 +21,15 @@ _UNWRITABLE = {
     errno.ENAMETOOLONG, errno.ELOOP,
 }  # fmt: skip
 """Errors of files and folders that cannot be made or written."""
+
+
+def working_directory_hint() -> str:
+    """What to add to a message where the working directory was deleted: no relative path can be found then."""
+    try:
+        os.getcwd()
+    except OSError:
+        return " (the working directory does not exist any more; go to another one)"
+    return ""
 
 
 def system_message(error: Exception) -> str | None:

@@ -147,13 +147,13 @@ def import_target(target: str, where: str) -> ModuleType:
 
 
 def _empty_folder(target: str, folder: Path) -> str:
-    """What is said of a folder that is no package, such as one that holds a package of its name."""
+    """Message about a folder that is no package, such as one that holds a package of its name."""
     hint = f"; did you mean {target}/{folder.name}?" if (folder / folder.name / "__init__.py").is_file() else ""
     return f"{target} is a folder without __init__.py, so it has no tasks{hint}"
 
 
 def _no_file(target: str, path: Path) -> str:
-    """What is said of a path that is no file of Python."""
+    """Message about a path that is no file of Python."""
     if path.is_dir():
         return _empty_folder(target.rstrip("/"), path)
     return f"{target} is no Python file: its name ends in .py" if path.exists() else f"{target} does not exist"

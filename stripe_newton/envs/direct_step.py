@@ -32,7 +32,7 @@ class DirectStep(HookMethods):
     _actions_name: Name
     """The name of ``warp.actions`` in generated kernels."""
     _given: list[torch.Tensor]
-    """Actions of the step under way. In a list, as they are the caller's and no part of a saved state."""
+    """Actions of the current step. In a list, which a saved state leaves out: the tensor belongs to the caller."""
 
     # -- the stages
 
@@ -76,12 +76,11 @@ class DirectStep(HookMethods):
 
     def _outcome_items(self) -> list[Item]:
         context = self.context
-        # The length of the episode counts this step already where dones and rewards look at it, as in Isaac Lab.
+        # Dones and rewards see lengths of episodes and a count of steps that include this step, as in Isaac Lab.
         items: list[Item] = [count_section(context).only(context.within_step), self._safety.after_physics()]
         items.append(
             self._hooks.dones.item(
                 self._launch_dones,
-                # The counter includes this step from here on, as in Isaac Lab.
                 lambda name: self._torch_item(name, self._torch_dones, "_get_dones", self.count_step),
             )
         )
@@ -233,8 +232,9 @@ class DirectStep(HookMethods):
         return flat if shape is None or len(shape) < 2 else flat.view(-1, *shape)
 
     def why_not_capturable(self) -> str:
-        own = self._recorder is not None and not self._hooks.pre_physics.is_warp
-        if self._noise_models() and not (own and not self._hooks.observations.is_warp):
+        # Noise models are torch modules: a graph can hold them only as part of recorded torch hooks.
+        runs_noise = not self._hooks.pre_physics.is_warp and not self._hooks.observations.is_warp
+        if self._noise_models() and not (self._recorder is not None and runs_noise):
             return "noise models are torch modules"
         reason = super().why_not_capturable()
         if not reason and self._recorder is not None and self._apply_part is not None and self._substeps.mode == "auto":

@@ -23,7 +23,7 @@ class GraphStep:
     """The step of an environment in parts, so that a user can record its kernels in a CUDA graph and replay them.
 
     Record :meth:`launch` once. Call :meth:`before` before each replay; it does the host's part of a step. Call
-    :meth:`after` behind a replay whose observations the host wants, such as the last one of a rollout.
+    :meth:`after` after a replay whose observations the host wants, such as the last one of a rollout.
 
     Attributes:
         observations: Observations by group, float, shape ``(num_envs, n)``. Each step overwrites these arrays.
@@ -80,7 +80,7 @@ class GraphStep:
         env.begin_step()
         self._is_open = True
         env.raise_for_actions()
-        # RLEnv.step counts between physics and dones, for torch hooks. A replay has none, so the moment is free.
+        # RLEnv.step counts between physics and dones, where torch hooks read the count. A replay runs none of them.
         env.count_step()
         stale, self._recaptures = env.sim.recaptures != self._recaptures, env.sim.recaptures
         if env.why_not_capturable():

@@ -121,6 +121,7 @@ def _context_argument(context: BindingContext, name: str) -> Code | None:
 
 
 def _struct(context: BindingContext, binding: TermBinding, name: str, kind: Struct) -> Code:
+    """Source code of a struct: the one in the config, or the one that the registry finds for it."""
     given, resolver = binding.params.get(name), context.structs.resolver(kind)
     if wp.types.is_struct(given) and struct_of(given) is kind:  # the config has the struct itself rather than its name
         return context.scope.name(name, binding.take(name))
@@ -132,7 +133,10 @@ def _struct(context: BindingContext, binding: TermBinding, name: str, kind: Stru
 
 
 def _number(binding: TermBinding, name: str, kind: ParameterKind) -> Code:
-    """A number or vector as a parameter: a literal would be frozen into the kernel, a curriculum may change this."""
+    """Source code that reads a number or vector from the parameters.
+
+    A literal would be frozen into the kernel; a curriculum may change a parameter.
+    """
     value: Any = binding.take(name)
     if value is None:
         if name not in binding.function.defaults:

@@ -20,6 +20,7 @@ __all__ = ["EpisodeLog"]
 
 _CAPACITY = 1024
 _KINDS = {"mean": int(LOG_MEAN), "count": int(LOG_COUNT), "last": int(LOG_LAST)}
+"""Numbers of the kinds of entries in the kernels."""
 
 
 class EpisodeLog:
@@ -56,11 +57,14 @@ class EpisodeLog:
         return self.keys.index(key)
 
     def line(self, key: str, value: Code | str, kind: str = "mean") -> Code:
-        """The line of a section that adds the value of this environment to an entry."""
+        """Source line that adds a value of one environment to an entry, which is registered if it is new."""
         return self._scope.call(log_add, *self._names, self.add(key, kind), value)
 
     def bind(self, values: wp.array) -> None:
-        """Write values to another array, float, shape ``(capacity,)``. Call it before graphs are recorded."""
+        """Let :meth:`finish` write to another array, float, shape ``(capacity,)``.
+
+        Call it before graphs are recorded, as they hold the address of the array.
+        """
         self.values = values
 
     capacity = _CAPACITY

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,10 +32,18 @@ class FusedKernel:
     """
 
     def __init__(
-        self, name: str, source: str, path: Path, terms: Sequence[str], kernel: wp.Kernel, launch: dict[str, object]
+        self,
+        name: str,
+        source: str,
+        path: Path,
+        terms: Sequence[str],
+        kernel: wp.Kernel,
+        launch: dict[str, object],
+        check: Callable[[], None],
     ):
+        """``check`` raises an error if the source code is not that of the arrays any more."""
         self.name, self.source, self.path, self.terms = name, source, path, list(terms)
-        self._kernel, self._launch = kernel, launch
+        self._kernel, self._launch, self._check = kernel, launch, check
         self._command: wp.Launch | None = None
 
     def compile_ahead(self) -> None:
@@ -46,6 +54,7 @@ class FusedKernel:
         """Launch the kernel on the current stream."""
         # The arguments never change, so they are packed once. Packing takes longer than the launch itself.
         if self._command is None:
+            self._check()
             wait_for(self._kernel)
             self._command = wp.launch(self._kernel, **self._launch, record_cmd=True)
         self._command.launch()
@@ -63,6 +72,14 @@ def fuse(name: str, sections: Sequence[Section], scope: Scope, num_envs: int, de
     """
     source = write_kernel(name, sections, scope, num_envs)
     compiled = _compiled(name, source)
+
+    def check() -> None:
+        if write_kernel(name, sections, scope, num_envs).text != source.text:
+            raise RuntimeError(
+                f"'{name}': an array was replaced by one of another shape after the kernel was written; "
+                "allocate the arrays of a step before its plan is made"
+            )
+
     counts = [num_envs] if source.layout.coalesced else []
     launch = {
         "dim": source.layout.dim(num_envs),
@@ -71,7 +88,7 @@ def fuse(name: str, sections: Sequence[Section], scope: Scope, num_envs: int, de
         "block_dim": source.layout.block_dim,
     }
     terms = [term for section in sections for term in section.terms]
-    return FusedKernel(name, source.text, compiled.path, terms, compiled.kernel, launch)
+    return FusedKernel(name, source.text, compiled.path, terms, compiled.kernel, launch, check)
 
 
 @dataclass(frozen=True)

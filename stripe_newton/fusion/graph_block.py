@@ -28,13 +28,13 @@ class GraphBlock:
     replay: Callable[[], None] | None = None
     """Launches the graph; None until it is recorded, and for a host function alone."""
     after: list[Callable[[], None]] = field(default_factory=list)
-    """What the host does after each replay."""
+    """Functions that the host calls after each replay."""
     chooser: ChoicePart | None = None
-    """The host function that it is, if that chooses among forms and a graph follows it."""
+    """The host function of the block, if it chooses among forms and a graph follows it."""
     following: list[Segment] = field(default_factory=list)
-    """What that graph holds: each form is recorded together with it."""
+    """Segments of that graph. Each form is recorded together with them."""
     forms: dict[Hashable, tuple[object, GraphBlock]] = field(default_factory=dict)
-    """Graphs of such a function and what follows, by form, each with the object that stands for it."""
+    """Recorded graphs by form, each with the object that stands for its recordings, see :class:`ChoicePart`."""
 
     def launch(self) -> None:
         """Launch its graph, and do the host's part after it."""
@@ -55,7 +55,7 @@ class GraphBlock:
 
 
 def blocks_of(segments: Sequence[Segment]) -> list[GraphBlock]:
-    """The segments, with those together that may be one graph now."""
+    """Group consecutive segments that may be one graph now; a host function that may not is a block alone."""
     blocks: list[GraphBlock] = []
     for segment in segments:
         if blocks and blocks[-1].is_graph and segment.is_capturable:

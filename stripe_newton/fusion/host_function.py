@@ -58,9 +58,12 @@ class HostFunction:
     """A function that runs on the host in every step, between two graphs. It may read and write anything."""
 
     name: str
+    """Name, for the description."""
     function: Callable[[], None]
+    """Runs it."""
     reason: str
     """Reason why it cannot be captured, for the description."""
     terms: Sequence[str] = ()
+    """Names of the terms that it runs, for the description."""
     part: GraphPart | None = None
     """The same as a part of a graph, where it may be one in some steps."""

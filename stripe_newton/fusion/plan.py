@@ -136,7 +136,11 @@ class Plan:
         self._recorded = []
 
     def _run_block(self, block: GraphBlock) -> bool:
-        """Run a block, as a graph if it is recorded. Returns whether the block after it is done, too."""
+        """Run a block, as a graph if it is recorded.
+
+        Returns:
+            Whether the block after it was part of the same graph, and is done.
+        """
         if block.replay is not None:
             block.launch()
             return False

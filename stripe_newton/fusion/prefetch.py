@@ -1,56 +1,68 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Prefetch: lines at the start of a generated kernel that ask for the memory of an environment, all of it at once.
+"""Prefetch: lines at the start of a generated kernel that ask for the memory of its environments, all of it at once.
 
 Without them each section waits for its own loads. The compiler cannot move a load before the stores of earlier
-sections, as both may be to the same memory for all that it knows. With them a thread waits for memory once::
+sections, as both may be to the same memory for all that it knows. With them a thread waits for memory once.
 
-    prefetch_row(reward, env)
-    prefetch_row(robot.joint_pos[env], 0)
+The 32 environments of a warp have their rows one after another. Its threads ask for 32 bytes each, which is what a GPU
+fetches at a time: thread 0 for the first 32 bytes of these rows, thread 1 for the next ones.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping
 
 import warp as wp
 
-from .scope import Scope
-from .section import Section
-from .usage import Usage, usage_of
-from .warp_types import Value, struct_fields, struct_of
+__all__ = ["PREFETCH", "prefetch_lines"]
 
-__all__ = ["prefetch_lines"]
+PREFETCH = """\
+auto ask = [](const void* data, int byte) {
+    asm volatile("prefetch.global.L1 [%0];" ::"l"((const char*)data + byte));
+};
+const int lane = threadIdx.x & 31, first_env = env - lane;
+auto ask_rows = [&](const void* data, int row, int bytes) {
+    for (int k = 0; 1024 * k < bytes; ++k)
+        if (1024 * k + 32 * lane < bytes) ask((const char*)data + size_t(first_env) * row, 1024 * k + 32 * lane);
+};
+auto ask_table = [&](const void* data, int bytes) {
+    if (32 * lane < bytes) ask(data, 32 * lane);
+};
+"""
+"""Functions in C++ that the lines call. Warp has no prefetch, so PTX says it. Nothing waits for a prefetch, whereas a
+load would stall the loads behind it."""
+
+_MAX_ROW = 512
+"""Longest row of an environment that is prefetched [bytes]."""
 
 
-def prefetch_lines(
-    arguments: Sequence[str], sections: Sequence[Section], scope: Scope, called: Iterable[wp.Function], num_envs: int
-) -> list[str]:
-    """Lines that prefetch the row of an environment in each array with a row for each environment.
+def prefetch_lines(arrays: Mapping[str, wp.array], num_envs: int, has_rows: bool = True) -> list[str]:
+    """Lines of C++ that prefetch the rows of a warp's environments, and the beginnings of tables that all share.
 
     Args:
-        arguments: Names of the arrays and structs of the kernel.
-        sections: The sections in it.
-        scope: The arrays and structs by name.
-        called: Warp functions that the sections call.
+        arrays: Arrays by the expressions that name them.
         num_envs: Number of environments.
+        has_rows: Whether a thread has an environment of its own, and reads rows. Threads of parts read few numbers.
     """
-    usages = [usage_of(function) for function in called]
-    uses = frozenset().union(*(section.uses for section in sections))
-    lines = []
-    for name in arguments:
-        for expression, array in _arrays(name, scope.values[name], uses, usages):
-            if isinstance(array, wp.array) and array.ptr and array.shape[0] == num_envs and array.ndim <= 2:
-                row = f"{expression}, env" if array.ndim == 1 else f"{expression}[env], 0"
-                lines.append(f"prefetch_row({row})")
-    return lines
+    tables, rows = [], []
+    reached: dict[int, int] = {}
+    """Address behind the first row of the last array, by the length of its rows."""
+    # By address: positions of joints are a part of the positions of a world, whose rows hold them already.
+    for expression, array in sorted(arrays.items(), key=lambda item: int(item[1].ptr)):
+        row = array.strides[0]
+        if array.shape[0] != num_envs:
+            tables.append(f"ask_table({expression}.data, {min(array.shape[0] * row, 1024)});")
+        elif has_rows and row <= _MAX_ROW and array.ptr >= reached.get(row, 0):
+            reached[row] = array.ptr + row
+            rows.append((expression, f"    ask_rows({expression}.data, {row}, {31 * row + _width(array)});"))
+    if not rows:
+        return sorted(tables)
+    # The last warp of a launch may have fewer environments than threads: there are no rows for the others.
+    head = f"if (first_env + 32 <= {min(rows)[0]}.shape.dims[0]) {{"
+    return [*sorted(tables), head, *sorted(line for _, line in rows), "}"]
 
 
-def _arrays(name: str, value: Value, uses: frozenset[str], called: Sequence[Usage]) -> Iterable[tuple[str, object]]:
-    """The array of a name; or of a struct, the fields that sections use or the functions that they call may use."""
-    if isinstance(value, wp.array):
-        yield name, value
-        return
-    for field_name in struct_fields(struct_of(value)):
-        path = f"{name}.{field_name}"
-        if path in uses or any(usage.may_use([field_name]) for usage in called):
-            yield path, getattr(value, field_name)
+def _width(array: wp.array) -> int:
+    """Bytes from the beginning of a row to the end of its last element."""
+    steps = ((n - 1) * stride for n, stride in zip(array.shape[1:], array.strides[1:], strict=True))
+    return sum(steps) + int(wp.types.type_size_in_bytes(array.dtype))

@@ -30,7 +30,7 @@ _CPP = (
     "auto char class const double explicit extern final friend inline int8 long mutable namespace new operator private "
     "protected public register short signed static struct switch template this typename union unsigned virtual void"
 )
-_LOCAL = "env part thread num_envs wp out value total done left due i j k"
+_LOCAL = "env part thread num_envs wp out value total done left due i j k prepare ask ask_rows ask_table lane first_env"
 _RESERVED = {*_CPP.split(), *keyword.kwlist, *_LOCAL.split()}
 """Names that generated source code uses itself, and keywords of Python and of C++, to which Warp translates it."""
 
@@ -81,10 +81,11 @@ class Scope:
         return code(f"{{}}({', '.join(['{}'] * len(arguments))})", self.function(function), *arguments)
 
     def used(self, uses: Set[str]) -> tuple[list[str], list[str]]:
-        """The names of values, and those of functions, among ``uses``, both in the order in which they were named."""
+        """The names in ``uses``, split into those of values and those of functions, each in the order of naming."""
         return [n for n in self.values if n in uses], [n for n in self.functions if n in uses]
 
     def _free(self, preferred: str) -> str:
+        """An identifier made from a name, followed by a number where the name itself is taken or reserved."""
         base = re.sub(r"\W", "_", preferred).lstrip("0123456789") or "x"
         name, count = base, 1
         while name in _RESERVED or name in self.values or name in self.functions:

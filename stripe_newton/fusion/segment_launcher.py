@@ -51,6 +51,7 @@ class SegmentLauncher:
             wp.get_stream(self._device).wait_stream(stream)
 
     def _side_stream(self, index: int) -> wp.Stream:
+        """Stream of a concurrent operation; streams are made once and used again."""
         while len(self._side_streams) <= index:
             self._side_streams.append(wp.Stream(self._device))
         return self._side_streams[index]

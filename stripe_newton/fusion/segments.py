@@ -139,4 +139,5 @@ def _can_share_kernel(before: tuple[str, Section], after: tuple[str, Section]) -
         # Parts of one stage do not depend on each other. Parts of the next stage may depend on any part of this one,
         # and the threads of a launch do not wait for each other.
         return before[0] == after[0]
+    # A section without parts is run by one thread of its environment, and no other thread of the launch waits for it.
     return not before[1].parts and not after[1].parts

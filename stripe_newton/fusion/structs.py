@@ -155,7 +155,7 @@ class StructRegistry:
 
     @property
     def provided(self) -> dict[Struct, dict[str, StructInstance]]:
-        """Structs of the resolvers by name, by type and name."""
+        """Structs that are found by name: for each type, its structs by name."""
         return {kind: r.structs for kind, r in self._resolvers.items() if isinstance(r, NamedStructs)}
 
     def provide(self, struct: StructInstance, name: str) -> None:

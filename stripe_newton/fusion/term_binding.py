@@ -48,10 +48,15 @@ class TermContext(Protocol):
     """Names, parameters and arrays of one environment, to which terms are bound."""
 
     scope: Scope
+    """Names of arrays, structs and functions in generated kernels."""
     parameters: Parameters
+    """Numbers that may change between steps."""
     step_dt: float
+    """Duration of a step of the environment [s]."""
     termination_names: list[str]
+    """Names of the termination terms."""
     problems: list[str]
+    """Problems of the config so far, each as ``path: what is wrong, what would be right``."""
 
     def entity(self, name: str) -> HasNames:
         """An articulation, rigid object or sensor by name."""

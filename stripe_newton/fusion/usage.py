@@ -78,6 +78,7 @@ def usage_of(function: wp.Function) -> Usage:
 
 
 def _united(parts: Iterable[Usage]) -> Usage:
+    """The usage of several functions together."""
     every = list(parts)
     return Usage(
         reads=frozenset().union(*(u.reads for u in every)),
@@ -89,6 +90,7 @@ def _united(parts: Iterable[Usage]) -> Usage:
 
 
 def _read(function: wp.Function) -> Usage:
+    """The usage of one overload."""
     if function.native_snippet is not None:
         return _usage_of_native(function)
     reader = _Reader(function)
@@ -121,6 +123,7 @@ class _Reader(ast.NodeVisitor):
         self._unresolved: list[str] = []
 
     def usage(self) -> Usage:
+        """The usage that was collected, together with that of the functions that are called."""
         own = Usage(
             frozenset(self._reads),
             frozenset(self._writes),
@@ -169,6 +172,7 @@ class _Reader(ast.NodeVisitor):
         self._reads |= self._fields(node.target)
 
     def _store(self, target: ast.expr, value: ast.expr | None) -> None:
+        """Note an assignment: a variable takes over what its value stands for, anything else is written."""
         if isinstance(target, (ast.Tuple, ast.List)):
             for element in target.elts:
                 self._store(element, value)
@@ -185,6 +189,7 @@ class _Reader(ast.NodeVisitor):
         self._writes_arguments |= self._arguments_in(target)
 
     def _visit_indices(self, node: ast.expr) -> None:
+        """Visit the indices of a target, which are read: ``i`` of ``array[i] = value``."""
         while isinstance(node, (ast.Subscript, ast.Attribute)):
             if isinstance(node, ast.Subscript):
                 self.visit(node.slice)

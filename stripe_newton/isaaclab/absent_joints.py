@@ -14,6 +14,7 @@ from typing import Any
 
 from stripe_newton.assets import ArticulationCfg
 from stripe_newton.configclass import is_config
+from stripe_newton.expressions import full_match
 from stripe_newton.fusion import SceneEntityCfg
 from stripe_newton.managers import ActionTermCfg
 
@@ -68,9 +69,9 @@ class _Choice:
 
     def has(self, expression: str) -> bool:
         """Whether an expression matches a joint that is there, or none of NVIDIA's."""
-        if any(re.fullmatch(expression, name) for name in self._robot.present):
+        if any(_fits(expression, name) for name in self._robot.present):
             return True
-        absent = any(re.fullmatch(expression, name) for name in self._robot.absent)
+        absent = any(_fits(expression, name) for name in self._robot.absent)
         self.dropped |= {expression} if absent else set()
         return not absent
 
@@ -107,9 +108,16 @@ class _Choice:
             actuator.joint_names_expr = [*actuator.joint_names_expr, own]
             for name, value in vars(actuator).items():
                 if isinstance(value, Mapping):
-                    numbers = [number for key, number in value.items() if re.fullmatch(key, like)]
+                    numbers = [number for key, number in value.items() if _fits(key, like)]
                     setattr(actuator, name, {**value, own: numbers[0]} if numbers else value)
 
 
 def _matches(expressions: Sequence[str], name: str) -> bool:
-    return any(re.fullmatch(expression, name) for expression in expressions)
+    return any(_fits(expression, name) for expression in expressions)
+
+
+def _fits(expression: str, name: str) -> bool:
+    try:
+        return full_match(expression, name) is not None
+    except re.error:  # which the scene reports when it looks for its joints
+        return False

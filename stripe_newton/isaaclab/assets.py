@@ -141,7 +141,7 @@ class Articulation(_WxyzAsset, TendonMethods, JointMethods):
 
     @cached_property
     def root_physx_view(self) -> ArticulationView:
-        """What tasks read from PhysX's view of the articulation."""
+        """View of the articulation, with what tasks read from that of PhysX."""
         return ArticulationView(self)
 
     def __init__(self, cfg: native.ArticulationCfg):
@@ -156,7 +156,7 @@ class RigidObject(_WxyzAsset, native.RigidObject):
 
     @cached_property
     def root_physx_view(self) -> RigidBodyView:
-        """What tasks read from PhysX's view of the body."""
+        """View of the body, with what tasks read from that of PhysX."""
         return RigidBodyView(self)
 
 

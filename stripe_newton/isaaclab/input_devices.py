@@ -16,7 +16,7 @@ class DeviceBase:
     """A device without input."""
 
     class TrackingTarget(Enum):
-        """What a headset follows, as configs of devices name it."""
+        """Parts of a body that a headset follows, as configs of devices name them."""
 
         HAND_LEFT = 0
         HAND_RIGHT = 1

@@ -14,7 +14,7 @@ __all__ = ["LatestSimulation", "latest_simulation", "set_latest_simulation"]
 
 
 class LatestSimulation(Protocol):
-    """What a scene, markers and the application need of a simulation context."""
+    """Simulation context, as far as a scene, markers and the application need it."""
 
     camera: ViewerCfg
     scene: NativeScene | None

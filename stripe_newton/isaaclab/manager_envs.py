@@ -32,8 +32,8 @@ _IGNORED = {
 
 
 @configclass
-class ManagerBasedEnvCfg(native.ManagerBasedEnvCfg):
-    """:class:`stripe_newton.envs.ManagerBasedEnvCfg` with Isaac Lab's other fields."""
+class _IsaacLabFields:
+    """Isaac Lab's other fields of a manager-based environment; before the package's config in a list of bases."""
 
     sim: NativeSimulationCfg = SimulationCfg()
     viewer: NativeViewerCfg = ViewerCfg()
@@ -45,36 +45,33 @@ class ManagerBasedEnvCfg(native.ManagerBasedEnvCfg):
     export_io_descriptors: bool = False
     log_dir: str | None = None
     IGNORED: ClassVar[dict[str, str]] = _IGNORED
-
-    def complete(self) -> None:
-        """Let terms be the package's, leave out joints that a stand-in does not have, add sensors of actions."""
-        use_warp_functions(self)
-        leave_out_absent_joints(self, self.scene)
-        add_force_sensors(self.actions, self.scene)
-        native.ManagerBasedEnvCfg.complete(self)
 
 
 @configclass
-class ManagerBasedRLEnvCfg(native.ManagerBasedRLEnvCfg):
-    """:class:`stripe_newton.envs.ManagerBasedRLEnvCfg` with Isaac Lab's other fields."""
-
-    sim: NativeSimulationCfg = SimulationCfg()
-    viewer: NativeViewerCfg = ViewerCfg()
-    ui_window_class_type: object = None
-    num_rerenders_on_reset: int = 0
-    wait_for_textures: bool = True
-    xr: object = None
-    teleop_devices: object = None
-    export_io_descriptors: bool = False
-    log_dir: str | None = None
-    IGNORED: ClassVar[dict[str, str]] = _IGNORED
+class ManagerBasedEnvCfg(_IsaacLabFields, native.ManagerBasedEnvCfg):
+    """:class:`stripe_newton.envs.ManagerBasedEnvCfg` with Isaac Lab's other fields."""
 
     def complete(self) -> None:
         """Let terms be the package's, leave out joints that a stand-in does not have, add sensors of actions."""
-        use_warp_functions(self)
-        leave_out_absent_joints(self, self.scene)
-        add_force_sensors(self.actions, self.scene)
-        native.ManagerBasedRLEnvCfg.complete(self)
+        _translate(self)
+        super().complete()
+
+
+@configclass
+class ManagerBasedRLEnvCfg(_IsaacLabFields, native.ManagerBasedRLEnvCfg):
+    """:class:`stripe_newton.envs.ManagerBasedRLEnvCfg` with Isaac Lab's other fields."""
+
+    def complete(self) -> None:
+        """As :meth:`ManagerBasedEnvCfg.complete`."""
+        _translate(self)
+        super().complete()
+
+
+def _translate(cfg: ManagerBasedEnvCfg | ManagerBasedRLEnvCfg) -> None:
+    """Let terms be the package's, leave out joints that a stand-in does not have, add sensors of actions."""
+    use_warp_functions(cfg)
+    leave_out_absent_joints(cfg, cfg.scene)
+    add_force_sensors(cfg.actions, cfg.scene)
 
 
 class _IsaacLabReset:

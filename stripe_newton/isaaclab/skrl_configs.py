@@ -85,7 +85,7 @@ def _problems(agent: Config, policy: Config) -> Iterator[str]:
 
 
 def _left_out(config: Config) -> Iterator[str]:
-    """What of a config has no counterpart."""
+    """Entries of a config that have no counterpart."""
     agent = config["agent"]
     if agent.get("rewards_shaper_scale", 1.0) != 1.0:
         yield f"agent.rewards_shaper_scale {agent['rewards_shaper_scale']}"

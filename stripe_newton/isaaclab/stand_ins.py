@@ -79,7 +79,7 @@ class _AnyFields(StandIn):
 
 
 def stand_in(name: str, kind: str, reason: str) -> Any:
-    """What stands for a name: a class that takes any argument, a function, or a constant.
+    """Stand-in for a name: a class that takes any argument, a function, or a constant.
 
     Args:
         name: Name in Isaac Lab.

@@ -118,7 +118,7 @@ class CommandManager(ManagerBase):
     # -- construction
 
     def _make(self, name: str, cfg: CommandTermCfg) -> _Term:
-        """Arrays, functions and arguments of a term."""
+        """Make a term: find its functions, allocate its arrays, and collect the arguments."""
         path, known = f"commands.{name}", _known_kind(cfg)
         before = len(self.context.problems)
         term = self._make_data(path, name, cfg, known)
@@ -143,7 +143,7 @@ class CommandManager(ManagerBase):
         return term
 
     def _make_torch(self, name: str, cfg: CommandTermCfg, class_type: type) -> None:
-        """The instance of a user's class, and the structs by which Warp terms read its command."""
+        """Make the instance of a user's class, and the structs by which Warp terms read its command."""
         path, context = f"commands.{name}", self.context
         if not issubclass(class_type, CommandTerm):
             text = f"is '{class_type.__name__}', must be derived from CommandTerm"
@@ -161,7 +161,7 @@ class CommandManager(ManagerBase):
         return [*super().instance_states(), *(command.term.metrics for command in self._torch.values())]
 
     def reset_instance_items(self) -> list[Item]:
-        """None: :meth:`reset_items` resets the terms and logs their metrics."""
+        """No items: :meth:`reset_items` resets the terms and logs their metrics."""
         return []
 
     def _make_data(self, path: str, name: str, cfg: CommandTermCfg, known: KnownCommand | None) -> _Term:
@@ -249,7 +249,7 @@ class CommandManager(ManagerBase):
         assert isinstance(cfg, MotionCommandCfg)
         robot = motion_robot(context, path, cfg)
         if robot is None:
-            return  # which `_size` has reported, too
+            return  # `_size` has reported the problem
         try:
             motion = MotionCommand(context, path, cfg, robot, term.data)
         except MotionError as error:
@@ -350,6 +350,7 @@ class CommandManager(ManagerBase):
         return [*section, *(self._eager(name, self._compute_torch) for name in self._torch)]
 
     def _eager(self, name: str, run: Callable[[str], None]) -> HostFunction:
+        """Item that runs something of a user's class on the host."""
         return HostFunction("commands", partial(run, name), f"torch term '{name}'", [name])
 
     def _compute_torch(self, name: str) -> None:
@@ -381,6 +382,7 @@ class CommandManager(ManagerBase):
         return [*own, *(self._eager(name, self._reset_torch) for name in self._torch)]
 
     def _span(self, name: str, term: _Term) -> Code:
+        """Bounds of the time from one command to the next [s], as a parameter."""
         path = f"commands.{name}.resampling_time_range"
         return self.context.parameters.add(path, term.cfg.resampling_time_range, wp.vec2)
 
@@ -417,7 +419,7 @@ class CommandManager(ManagerBase):
 
 
 def _clock(context: ManagerContext, path: str, size: int) -> CommandData:
-    """Arrays of a command of ``size`` numbers and of its clock."""
+    """Arrays of a command: its ``size`` numbers, the time left until the next one, and how many there were."""
     data = CommandData()
     data.command = context.array(f"{path}.command", float, size)
     data.time_left = context.array(f"{path}.time_left", float)

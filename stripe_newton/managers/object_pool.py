@@ -249,6 +249,7 @@ class ObjectPool:
     def _write(
         self, rows: torch.Tensor, columns: torch.Tensor, pose: torch.Tensor, vel: torch.Tensor | float, active: bool
     ) -> None:
+        """Write state and age of objects, and let their bodies follow."""
         self.pose[rows, columns], self.vel[rows, columns] = pose, vel
         self.active[rows, columns], self.age[rows, columns] = active, 0
         self._scene.sim.forward(self._scene.controller.mask(rows.squeeze(-1)))

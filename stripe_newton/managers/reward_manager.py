@@ -4,13 +4,14 @@
 The section that it generates for a term ``alive`` of a cart-pole; the weight is read from memory, so that a change
 needs no compilation::
 
-    value_0 = wp.float32(0.0)
     weight_0 = parameters[5]
+    sum_0 = reward_sums[env, 0]
+    scale = parameters[4]
+    value_0 = wp.float32(0.0)
     if weight_0 != 0.0:
         value_0 = weight_0 * is_alive(env, episode)  # alive
-    scale = parameters[4]
     reward_terms[env, 0] = value_0
-    reward_sums[env, 0] += value_0 * scale
+    reward_sums[env, 0] = sum_0 + value_0 * scale
     reward[env] = wp.where(nonfinite[env], 0.0, (value_0) * scale)
 """
 
@@ -118,22 +119,24 @@ class RewardManager(TermManager[RewardTermCfg]):
         """Items that evaluate the terms on the state after the physics."""
         scale = self.context.parameters.add("rewards.dt", self._dt, float)
         body, eager = list[Code](), list[Item]()
-        values, ends = list[Code](), list[Code]()
+        values, begins, ends = list[Code](), list[Code](), list[Code]()
         for index, (name, term) in enumerate(self._terms.items()):
             weight = self.context.parameters.add(f"rewards.{name}.weight", term.weight, float)
             value = self._value(index, name, term, eager)
             if value is None:
                 continue
             weighted = code("value_{}", index)
-            body += _weighted(index, name, weight, value)
+            body += _weighted(index, name, value)
             values.append(weighted)
+            sum_ = code("{}[env, {}]", self._sums_name, index)
+            begins += [code("weight_{} = {}", index, weight), code("sum_{} = {}", index, sum_)]
             ends += [
                 code("{}[env, {}] = {}", self._values_name, index, weighted),
-                code("{}[env, {}] += {} * scale", self._sums_name, index, weighted),
+                code("{} = sum_{} + {} * scale", sum_, index, weighted),
             ]
-        # All stores come last. A store between two terms would stall the loads of the second, as the compiler cannot
-        # know that they do not overlap.
-        body += [code("scale = {}", scale), *ends]
+        # All loads come first, all stores last. A store between two terms would stall the loads of the second, as the
+        # compiler cannot know that they do not overlap. "+=" would be an atomic operation.
+        body = [*begins, code("scale = {}", scale), *body, *ends]
         total = code(" + ".join(["{}"] * len(values)) or "0.0", *values)
         body.append(self.context.code("{reward}[env] = wp.where({nonfinite}[env], 0.0, ({}) * scale)", total))
         return [*eager, Section("rewards", body, self.active_terms)]
@@ -156,12 +159,13 @@ class RewardManager(TermManager[RewardTermCfg]):
     def reset_items(self) -> list[Item]:
         """Items that log the sums, divided by the longest duration of an episode, and clear them."""
         per_second = self.context.parameters.add("rewards.per_second", 1.0 / self.context.max_episode_length_s, float)
-        lines = []
+        begins, ends = [code("per_second = {}", per_second)], list[Code]()
         for index, name in enumerate(self._terms):
             sum_ = code("{}[env, {}]", self._sums_name, index)
-            lines.append(self.context.log.line(f"Episode_Reward/{name}", code("{} * {}", sum_, per_second)))
-            lines.append(code("{} = 0.0", sum_))
-        return [Section("rewards_log", lines).only(self.context.is_reset)] if lines else []
+            begins.append(code("sum_{} = {}", index, sum_))  # all loads first, as above
+            ends.append(self.context.log.line(f"Episode_Reward/{name}", code("sum_{} * per_second", index)))
+            ends.append(code("{} = 0.0", sum_))
+        return [Section("rewards_log", [*begins, *ends]).only(self.context.is_reset)] if ends else []
 
     def _torch(self, index: int, name: str) -> Callable[[], None]:
         call = self.call(name)
@@ -176,11 +180,10 @@ class RewardManager(TermManager[RewardTermCfg]):
         return self.table("Reward terms", ("Index", "Name", "Weight"), rows)
 
 
-def _weighted(index: int, name: str, weight: Code, value: Code) -> list[Code]:
+def _weighted(index: int, name: str, value: Code) -> list[Code]:
     """Lines that evaluate a term and multiply it by its weight, unless that is zero."""
     evaluate = code("value_{} = weight_{} * {}  # {}", index, index, value, name)
     return [
         code("value_{} = wp.float32(0.0)", index),
-        code("weight_{} = {}", index, weight),
         *block(code("if weight_{} != 0.0:", index), [evaluate]),
     ]

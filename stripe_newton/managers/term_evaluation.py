@@ -26,7 +26,7 @@ _KINDS = {float: "reward", wp.float32: "reward", bool: "termination", wp.bool: "
 """Kinds of terms by the type that they return."""
 _DTYPES = {"observation": float, "reward": float, "termination": wp.bool}
 _RANK = 9
-"""Of the flag of the chosen environments: within those of a step."""
+"""Rank of the flag of the chosen environments: it is tested after the flags of a step."""
 
 
 @dataclass
@@ -37,8 +37,8 @@ class _Evaluated:
         path: Path of its parameters.
         run: Runs it.
         out: Its values; None for an event.
-        given: Numbers and tuples of numbers that it was last given.
-        tunable: Names of those that are parameters, and may change.
+        given: Numbers and tuples of numbers of the last call, by argument.
+        tunable: Names of those among them that are parameters and may change from call to call.
     """
 
     path: str
@@ -97,8 +97,8 @@ class TermEvaluation:
         """
         chosen = self._context.torch(self._chosen)
         chosen.fill_(env_ids is None)
-        # An index of the host is checked by a read of the device, as users call this outside of recorded steps.
         if env_ids is not None:
+            # The check may wait for the device: users call this outside of recorded steps.
             chosen[checked_env_ids(env_ids, self._context.num_envs, str(chosen.device))] = True
         self._made("events", func, params, self._make_event).run()
         if usage_of(func).may_use(("root_pose", "joint_pos")):
@@ -107,7 +107,7 @@ class TermEvaluation:
     # -- construction
 
     def _made(self, where: str, func: wp.Function, params: Mapping[str, object], make: _Make) -> _Evaluated:
-        """The kernel of a term, with these parameters."""
+        """The kernel of a term, made at its first call, with the numbers of this call in its parameters."""
         given = {name: value for name, value in params.items() if _is_numeric(value)}
         key = (id(func), *sorted((k, _key(v)) for k, v in params.items() if k not in given), *sorted(given))
         known = self._known.setdefault(key, [])
@@ -168,6 +168,11 @@ class TermEvaluation:
 
 
 def _kind_of(func: wp.Function) -> str:
+    """Kind of a term, by its arguments and the type that it returns.
+
+    Raises:
+        TypeError: if it is of none of the kinds that have a value.
+    """
     if "out" in func.input_types:
         return "observation"
     returned = func.func.__annotations__.get("return")
@@ -179,14 +184,14 @@ def _kind_of(func: wp.Function) -> str:
 
 
 def _is_numeric(value: object) -> bool:
-    """Whether a parameter is a number, or numbers in a row."""
+    """Whether a parameter is a number, or a list or tuple of numbers."""
     if isinstance(value, (list, tuple)):
         return all(isinstance(v, (bool, int, float)) for v in value)
     return isinstance(value, (bool, int, float))
 
 
 def _key(value: object) -> Hashable:
-    """A key of a parameter by its contents."""
+    """Hashable key of a parameter: equal contents give equal keys."""
     if isinstance(value, SceneEntityCfg) or is_config(value):
         return (type(value).__name__, *((k, _key(v)) for k, v in vars(value).items()))
     if isinstance(value, Mapping):

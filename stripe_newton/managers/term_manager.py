@@ -173,7 +173,7 @@ class TermManager(ManagerBase, Generic[Cfg]):
         return changed + [f"params.{k}" for k in names if f"{self.name}.{name}.{k}" not in self.context.parameters]
 
     def _bindings(self, cfg: Cfg) -> dict[str, Any]:
-        """What a term is bound to. It is copied, as configs may be changed in place."""
+        """Function, parameters and fixed fields of a bound term; copies, as configs may be changed in place."""
         params = {k: v.replace() if isinstance(v, SceneEntityCfg) else v for k, v in cfg.params.items()}
         return {"func": cfg.func, "params": params} | {k: getattr(cfg, k) for k in self.FIXED}
 

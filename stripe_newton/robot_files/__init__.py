@@ -6,6 +6,7 @@ from .file_kind import FileKind, file_kind
 from .importing import extend_report, import_robot_file, inspect_robot_file
 from .mjcf_actuators import ActuatorRow, actuator_rows, actuator_table
 from .mjcf_checks import compile_mjcf
+from .mjcf_stage import mjcf_stage
 from .model_names import rename_model, split_links
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "file_kind",
     "import_robot_file",
     "inspect_robot_file",
+    "mjcf_stage",
     "rename_model",
     "split_links",
 ]

@@ -235,14 +235,14 @@ def _add_mjcf(
         shapes.mu = friction
     scale = own.get("scale", 1.0)
     anchor_hinges(builder, start.joint, model, scale)  # before coordinates are moved by ref
+    rows: list[Row] = []
     if scale == 1.0 and not own.get("collapse_fixed_joints"):
-        take_compiled_masses(builder, start.body, model)
+        rows += take_compiled_masses(builder, start.body, model)
     complete_mjcf(builder, str(path), start, keyframe, xform, scale)
-    tied: list[Row] = []
     if not own.get("collapse_fixed_joints"):
         tie_sites(builder, start.equality, model, scale, xform)
-        tied += let_tied_bodies_collide(builder, start.equality, model)
-    return [*tied, *mjcf_rows(builder, start, model, options), *joint_motion_rows(builder, start.joint, model, scale)]
+        rows += let_tied_bodies_collide(builder, start.equality, model)
+    return [*rows, *mjcf_rows(builder, start, model, options), *joint_motion_rows(builder, start.joint, model, scale)]
 
 
 def _without_root_pose(model: mujoco.MjModel, wanted: wp.transform, scale: float) -> wp.transform:

@@ -30,7 +30,7 @@ class ActuatorRow:
     kind: str
     """``"position"``, ``"velocity"``, ``"motor"`` or ``"general"``."""
     target: str
-    """What it acts on, ``"joint knee"``."""
+    """Target of the actuator, such as ``"joint knee"``."""
     stiffness: float
     """Gain of the position, N m/rad or N/m."""
     damping: float

@@ -46,8 +46,12 @@ _NOT_READ = {
 """Elements below ``<worldbody>`` and ``<deformable>`` that Newton's importer passes over."""
 
 
-def compile_mjcf(path: Path) -> mujoco.MjModel:
+def compile_mjcf(path: Path, for_newton: bool = True) -> mujoco.MjModel:
     """The model that MuJoCo makes of a file, which Newton's is compared with.
+
+    Args:
+        path: The file.
+        for_newton: Whether Newton's importer is to read the file, too.
 
     Raises:
         RobotFileError: MuJoCo refuses the file, its numbers are not finite, or it has bodies that Newton does not read.
@@ -57,7 +61,8 @@ def compile_mjcf(path: Path) -> mujoco.MjModel:
     problems += _asset_problems(path, roots)
     for root in roots:
         problems += [*_number_problems(root), *_range_problems(root)]
-        problems += [*_unread_problems(root), *_ball_problems(root)]
+        if for_newton:
+            problems += [*_unread_problems(root), *_ball_problems(root)]
     if problems:
         raise RobotFileError(path, problems)
     try:

@@ -16,11 +16,13 @@ __all__ = ["constant_rows"]
 
 _SLIDES_ALONE = 2
 """MuJoCo's ``body_simple`` of a body that only slides."""
+_CENTRES_APART = 1e-3
+"""Share of a mesh's size by which its centres of surface and volume are apart at least, for a row."""
 _SOFT = "so that what holds it is softer or stiffer"
 
 
 def constant_rows(builder: newton.ModelBuilder, first_shape: int, model: mujoco.MjModel) -> list[Row]:
-    """Rows of inverse weights, which set how soft constraints are, and of hulls, that are not those of MuJoCo.
+    """Rows of inverse weights, which set how soft constraints are, hulls and centres of meshes that MuJoCo has others.
 
     Args:
         builder: The builder that the file was added to.
@@ -28,7 +30,7 @@ def constant_rows(builder: newton.ModelBuilder, first_shape: int, model: mujoco.
         model: MuJoCo's model of the file.
     """
     return [*_weights_of_slides(model), *_weights_without_mass(model), *_weights_of_refs(model),
-            *_simpler_hulls(builder, first_shape, model)]  # fmt: skip
+            *_simpler_hulls(builder, first_shape, model), *_centres_of_meshes(model)]  # fmt: skip
 
 
 def _weights_of_slides(model: mujoco.MjModel) -> Iterator[Row]:
@@ -78,12 +80,46 @@ def _simpler_hulls(builder: newton.ModelBuilder, first_shape: int, model: mujoco
     ]
     if not limits or min(limits) < 0:
         return
+    corners = {
+        mesh: int(model.mesh_graph[model.mesh_graphadr[mesh]])
+        for mesh in (int(m) for m in np.unique(model.geom_dataid[_mesh_colliders(model)]))
+        if model.mesh_graphadr[mesh] >= 0
+    }
+    if more := [mesh for mesh, count in corners.items() if count > max(limits)]:
+        most = max(corners[mesh] for mesh in more)
+        why = (
+            f"has {'up to ' * (len(more) > 1)}{most} corners in MuJoCo, {max(limits)} here; max_hull_vertices=-1 keeps "
+        )
+        why += "all, and takes longer"
+        for mesh in more:
+            yield model.mesh(mesh).name or f"mesh {mesh}", "convex hull", why
+
+
+def _mesh_colliders(model: mujoco.MjModel) -> np.ndarray:
+    """Which shapes are meshes that collide, shape ``(ngeom,)``."""
     collides = (model.geom_contype | model.geom_conaffinity) != 0
-    used = model.geom_dataid[collides & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)]
-    for mesh in np.unique(used):
-        corners = int(model.mesh_graph[model.mesh_graphadr[mesh]]) if model.mesh_graphadr[mesh] >= 0 else 0
-        if corners > max(limits):
-            why = (
-                f"has {corners} corners in MuJoCo, {max(limits)} here; max_hull_vertices=-1 keeps all, and takes longer"
-            )
-            yield model.mesh(int(mesh)).name or f"mesh {mesh}", "convex hull", why
+    return collides & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
+
+
+def _centres_of_meshes(model: mujoco.MjModel) -> Iterator[Row]:
+    """Meshes that Newton's solver puts about another point: the search for contacts of two meshes starts there.
+
+    It ends at the same points where they touch. Deep inside each other hulls have several pairs of faces that are
+    nearly as deep, and it may end at another one.
+    """
+    colliders = _mesh_colliders(model)
+    if len(np.unique(model.body_weldid[model.geom_bodyid[colliders]])) < 2:
+        return
+    for mesh in np.unique(model.geom_dataid[colliders]):
+        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+        points = model.mesh_vert[first : first + count].astype(float)
+        first, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+        corners = points[model.mesh_face[first : first + count]]
+        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        if not areas.sum() > 0.0:
+            continue
+        centre = areas @ corners.mean(axis=1) / areas.sum()  # from that of MuJoCo, which is the mesh's origin
+        if np.linalg.norm(centre) > _CENTRES_APART * np.ptp(points, axis=0).max():
+            why = "Newton's is that of the surface, MuJoCo's that of the volume: where it is deep in another mesh, the "
+            why += "search for their contacts starts there and may find others"
+            yield model.mesh(int(mesh)).name or f"mesh {mesh}", "centre of the mesh", why

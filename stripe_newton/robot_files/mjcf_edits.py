@@ -26,7 +26,7 @@ def edit_mjcf(
     condim: int | None = None,
     solimp: Sequence[float] | None = None,
 ) -> tuple[str, mujoco.MjModel]:
-    """What Newton's importer is to read for a file, and MuJoCo's model of it.
+    """Edit a file for Newton's importer, and compile MuJoCo's model of it.
 
     Where the file's outermost ``<default>`` names its class, as ``"main"``, Newton would keep these defaults for
     elements that name the class, where MuJoCo gives them to all: the name is left out. A joint whose ``range`` is empty

@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import mujoco
 import newton
 import numpy as np
 import warp as wp
+
+from .urdf_checks import Row
 
 __all__ = ["bodies_of_file", "has_medium", "take_compiled_masses"]
 
@@ -16,7 +20,7 @@ _APART = 1e-4
 """Share by which moments of inertia that are equal within a tenth of it are set apart in a medium."""
 
 
-def take_compiled_masses(builder: newton.ModelBuilder, first_body: int, model: mujoco.MjModel) -> None:
+def take_compiled_masses(builder: newton.ModelBuilder, first_body: int, model: mujoco.MjModel) -> Iterator[Row]:
     """Give bodies the mass properties that MuJoCo's compiler finds, where Newton's importer finds others.
 
     The compiler has settings that the importer does not know: ``settotalmass``, ``inertiagrouprange``, ``boundmass``,
@@ -29,6 +33,9 @@ def take_compiled_masses(builder: newton.ModelBuilder, first_body: int, model: m
         builder: The builder that the file was added to, in its scale and without bodies merged.
         first_body: Number of bodies before.
         model: MuJoCo's model of the file.
+
+    Yields:
+        A row for each body whose moments were set apart.
     """
     medium = has_medium(model)
     for body, there in bodies_of_file(builder, first_body, model).items():
@@ -41,6 +48,11 @@ def take_compiled_masses(builder: newton.ModelBuilder, first_body: int, model: m
         ambiguous = medium and np.diff(np.sort(moments)).min() < 0.1 * _APART * moments.max()
         if ambiguous:
             moments *= 1.0 + _APART * np.array([2.0, 1.0, 0.0])
+            why = (
+                f"of equal moments two are made {_APART:.2%} and {2.0 * _APART:.2%} larger: the medium acts along the "
+            )
+            why += "principal axes, and MuJoCo Warp's of equal moments would not be the file's"
+            yield model.body(there).name or f"body {there}", "inertia", why
         inertia = axes @ np.diag(moments) @ axes.T
         own = np.array(builder.body_inertia[body], dtype=float).reshape(3, 3)
         if ambiguous or not (

@@ -173,7 +173,7 @@ def _limit(value: float) -> float:
 
 
 def _lost_of_joint(model: mujoco.MjModel, joint: int) -> Iterator[Row]:
-    """What Newton's solver leaves out of free joints and ball joints."""
+    """Rows of what Newton's solver leaves out of free joints and ball joints."""
     name = model.joint(joint).name or f"joint of {model.body(int(model.jnt_bodyid[joint])).name}"
     if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL:
         if model.jnt_limited[joint]:

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import newton
 import warp as wp
 
+from stripe_newton.expressions import full_match, reason_of
 from stripe_newton.matching import near_matches
 
 __all__ = ["rename_model", "split_links"]
@@ -47,8 +48,8 @@ def _rename(labels: list[str], path: str, expressions: Mapping[str, str], field:
     unused, old = dict(expressions), {name for i in rows for name in _parts(labels[i], separator)}
     new: dict[str, str] = {}
     for name in old:
-        key = next((k for k in expressions if re.fullmatch(k, name)), None)
-        new[name] = name if key is None else re.fullmatch(key, name).expand(expressions[key])  # type: ignore[union-attr]
+        key = next((k for k in expressions if _match(k, name, path)), None)
+        new[name] = name if key is None else _expand(_match(key, name, path), expressions[key], path)
         unused.pop(key or "", None)
     for key in unused:
         near = near_matches(key, sorted(old))
@@ -83,20 +84,41 @@ def split_links(builder: newton.ModelBuilder, path: str, links: Mapping[str, Seq
         found = [
             (body, match)
             for body, label in enumerate(builder.body_label)
-            if label.startswith(path + "/") and (match := re.fullmatch(expression, label.rpartition("/")[2]))
+            if label.startswith(path + "/") and (match := _match(expression, label.rpartition("/")[2], path))
         ]
         if not found:
             problems.append(f"links: '{expression}' matches no body")
         for body, match in found:
-            pattern = match.expand(shapes)
-            rows = [s for s in builder.body_shapes[body] if re.fullmatch(pattern, _last(builder.shape_label[s]))]
+            pattern = _expand(match, shapes, path)
+            rows = [s for s in builder.body_shapes[body] if _match(pattern, _last(builder.shape_label[s]), path)]
             if rows:
-                _split(builder, body, rows, match.expand(template))
+                _split(builder, body, rows, _expand(match, template, path))
             else:
                 there = ", ".join(_last(builder.shape_label[s]) for s in builder.body_shapes[body])
                 problems.append(f"links: '{pattern}' matches no shape of '{match[0]}', which has {there or 'none'}")
     if problems:
         raise ValueError(f"names of '{path}': " + "; ".join(problems))
+
+
+def _match(expression: str, name: str, path: str) -> re.Match[str] | None:
+    try:
+        return full_match(expression, name)
+    except re.error as error:
+        raise ValueError(f"names of '{path}': '{expression}' {reason_of(error)}") from None
+
+
+def _expand(match: re.Match[str] | None, template: str, path: str) -> str:
+    """The new name."""
+    assert match is not None  # of an expression that was found by matching
+    try:
+        new = match.expand(template)
+    except (re.error, IndexError) as error:
+        raise ValueError(
+            f"names of '{path}': '{template}' is no name for what '{match.re.pattern}' matches: {error}"
+        ) from None
+    if not new or "/" in new:
+        raise ValueError(f"names of '{path}': '{new[:80]}' is no name: it must not be empty, nor have a '/'")
+    return new
 
 
 def _last(label: str) -> str:

@@ -25,7 +25,7 @@ def numbers_of(element: Element | None, attribute: str, default: str = "") -> li
 def number_problems(
     element: Element | None, attribute: str, size: int = 1, *, least: float = -math.inf, infinite: bool = False
 ) -> Iterator[str]:
-    """What is wrong with the numbers of an attribute; nothing if it is not there.
+    """Problems of the numbers of an attribute; none if it is not there.
 
     Args:
         element: The element; None has no attributes.

@@ -13,6 +13,7 @@ from stripe_newton.input_files import why_no_file
 
 from .error import RobotFileError
 from .mesh_files import MeshFiles, mesh_problem
+from .numbers import number_problems
 from .urdf_checks import UNREAD, Row, massless_links, part_problems, urdf_problems, urdf_rows
 from .urdf_unread import unread_rows
 
@@ -64,6 +65,10 @@ def prepare_urdf(
             ElementTree.SubElement(inertial, "inertia", zeros)
     for material in robot.iter("material"):
         _resolve_texture(material, files, rows)
+        color = material.find("color")
+        if color is not None and (problem := next(number_problems(color, "rgba", 4), "")):
+            rows.append((material.get("name", ""), "<color>", f"left out: {problem}"))
+            material.remove(color)
     for joint in robot.findall("joint"):
         limit = joint.find("limit")
         if joint.get("type") == "continuous" and limit is not None:

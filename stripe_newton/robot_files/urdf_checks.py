@@ -76,7 +76,7 @@ def _link_problems(link: Element) -> Iterator[str]:
 
 
 def part_problems(part: Element) -> Iterator[str]:
-    """What is wrong with the frame and the shape of a ``<collision>`` or ``<visual>``, but for the files it names."""
+    """Problems of the frame and the shape of a ``<collision>`` or ``<visual>``, but for the files it names."""
     yield from _origin_problems(part)
     yield from _geometry_problems(part.find("geometry"))
 
@@ -145,7 +145,8 @@ def _joint_problems(joint: Element, links: set[str | None], joints: dict[str | N
         if name is None:
             yield f"has no <{end} link=...>"
         elif name not in links:
-            yield f"its {end} '{name}' is no link of the file"
+            advice = f'; add <link name="{_WORLD}"/>, which some simulators do by themselves' if name == _WORLD else ""
+            yield f"its {end} '{name}' is no link of the file{advice}"
     yield from _origin_problems(joint)
     axis, limit = joint.find("axis"), joint.find("limit")
     yield from number_problems(axis, "xyz", 3)
@@ -188,9 +189,11 @@ def _tree_problems(robot: Element, floating: bool | None) -> Iterator[str]:
     roots = _roots(robot)
     if len(roots) > 1:
         yield f"links {_quoted(roots)} are the child of no joint: one must be the root, and joints lead to the others"
-    elif not roots:
-        yield "has no root link: its joints form a loop, or there is no link" if parents else "has no link"
-    elif floating is None and (root := undecided_root(robot)):
+    elif not roots and not parents:
+        yield "has no link"
+    elif not roots and not _missing_parents(robot):
+        yield "has no root link: its joints form a loop"
+    elif roots and floating is None and (root := undecided_root(robot)):
         yield (
             f"the file does not say whether its root link '{root}' floats, as it has no link '{_WORLD}' that holds "
             "it; set fix_base=False, or fix_base=True to hold it in the world"
@@ -208,6 +211,12 @@ def _roots(robot: Element) -> list[str]:
     return [name for link in robot.findall("link") if (name := link.get("name", "")) not in parents]
 
 
+def _missing_parents(robot: Element) -> set[str]:
+    """Links that joints name as their parent and that the file does not have: each of these joints says so."""
+    named = {parent.get("link", "") for joint in robot.findall("joint") for parent in joint.findall("parent")}
+    return named - {link.get("name", "") for link in robot.findall("link")}
+
+
 def _joints_above(robot: Element) -> dict[str, list[str]]:
     """Names of the joints that have a link as their child, by its name."""
     found: dict[str, list[str]] = {}
@@ -222,7 +231,7 @@ def _quoted(names: Sequence[str]) -> str:
 
 
 def urdf_rows(robot: Element) -> Iterator[Row]:
-    """What Newton's importer leaves out of a URDF file, or reads differently."""
+    """Rows of what Newton's importer leaves out of a URDF file, or reads differently."""
     for tag, why in _UNREAD.items():
         if elements := robot.findall(tag):
             yield f"robot ({len(elements)})", f"<{tag}>", why

@@ -3,21 +3,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, overload
 
 import newton
 import warp as wp
-from pxr import Usd, UsdGeom
 
 from stripe_newton.assets import (
     Articulation,
     ArticulationCfg,
     AssetBase,
     AssetBaseCfg,
-    Layout,
     RigidObject,
     RigidObjectCollection,
     RigidObjectCollectionCfg,
@@ -27,14 +24,10 @@ from stripe_newton.assets import (
 )
 from stripe_newton.assets.terrain_base import GroundAsset
 from stripe_newton.configclass import ConfigError
-from stripe_newton.robot_files import RobotFileError, extend_report, import_robot_file, rename_model, split_links
 from stripe_newton.sensors import SensorBase, SensorCfg
 from stripe_newton.sim import SpawnerCfg
 from stripe_newton.sim.body_choice import BodyChoice
 from stripe_newton.sim.scene_context import ENV_0, scene_context
-from stripe_newton.sim.spawners.from_files import FILE_KEY
-from stripe_newton.sim.spawners.model_names import NAMES_KEY
-from stripe_newton.solvers.static_meshes import mark_triangles
 from stripe_newton.terrains.scenery_ground import SceneryGround
 from stripe_newton.terrains.terrain_importer import found_terrain
 from stripe_newton.usd import (
@@ -42,16 +35,15 @@ from stripe_newton.usd import (
     StageReport,
     check_content,
     joint_rows,
-    load_stage,
     read_lights,
     solver_reason,
     stage_name,
 )
-from stripe_newton.usd.concave_meshes import concave_colliders, rows_by_distance, rows_by_triangles
-from stripe_newton.usd.mesh_approximations import asks_for_distance_field
+from stripe_newton.usd.concave_meshes import rows_by_triangles
 
 from .body_choices import body_choices
 from .export_joints import AuthoredJoints
+from .found_assets import adopt_layouts
 from .imported_scenery import ImportedScenery
 from .new_stage import new_stage
 from .obstacles import Obstacles
@@ -59,6 +51,7 @@ from .scene_contents import SceneContents
 from .scene_parts import Part, part_kind
 from .scenery import Scenery, add_scenery, hidden, read_scenery, scenery_groups
 from .scenery_stage import paths_pattern
+from .stage_reader import read_prims, use_mujoco_contacts
 
 __all__ = ["SceneBuilder"]
 
@@ -96,7 +89,7 @@ class SceneBuilder:
             self._add(name, cfg)
 
     def _configured(self, kind: str | None = None) -> list[tuple[str, Part]]:
-        """What the config names and that is not there yet, of one kind or of all, by name.
+        """Parts that the config names and that are not there yet, of one kind or of all, by name.
 
         Raises:
             ValueError: for a field that is no asset and no sensor, or a name that a field and a dict both have.
@@ -222,7 +215,7 @@ class SceneBuilder:
         """Go from the stage to a model, to which assets and sensors are bound."""
         scene, sim = self._scene, self._scene.sim
         if self.obstacle_sensors and sim.cfg.solver.chooses_contacts:  # their slots are geoms of MuJoCo Warp
-            self._use_mujoco_contacts(True)
+            use_mujoco_contacts(sim, True)
         template = sim.new_builder()
         terrain_paths = self._find_terrain()
         if scene.cfg.scenery_file is not None:
@@ -318,7 +311,7 @@ class SceneBuilder:
         """
         layouts, problems = articulation_layouts(template), list[str]()
         if self.adopt:
-            self._adopt(layouts)
+            adopt_layouts(self._scene, layouts)
         for asset in self._scene.assets:
             try:
                 asset.prepare(layouts, template)
@@ -374,7 +367,7 @@ class SceneBuilder:
         return (f"{terrain.path}/terrain",) if terrain is not None and terrain.ground is not None else ()
 
     def _load(self, builder: newton.ModelBuilder, root: str, ignore: tuple[str, ...]) -> None:
-        self.reports.append(self._read(self._scene.stage, builder, root, ignore))
+        self.reports.append(read_prims(self._scene.sim, self._scene.stage, builder, root, ignore))
 
     def _load_apart(self, spawn: SpawnerCfg, asset: AssetBase) -> newton.ModelBuilder:
         """Builder of an asset that another environment than the first has in the place of one."""
@@ -382,117 +375,6 @@ class SceneBuilder:
         with scene_context(SimpleNamespace(stage=stage, alias=self._scene.alias)):
             start = asset.cfg.init_state
             spawn.spawn(asset.cfg.prim_path, start.pos, start.rot_xyzw)
-        report = self._read(stage, builder, ENV_0, ())
+        report = read_prims(self._scene.sim, stage, builder, ENV_0, ())
         self.reports[0].ignored += [row for row in report.ignored if row not in self.reports[0].ignored]
         return builder
-
-    def _read(self, stage: Usd.Stage, builder: newton.ModelBuilder, root: str, ignore: tuple[str, ...]) -> StageReport:
-        """Read prims of a stage, and the files that they represent, into a builder."""
-        files, first = _keyed_prims(stage, FILE_KEY, root, ignore), builder.shape_count
-        solver = self._scene.sim.cfg.solver
-        report = load_stage(
-            builder,
-            stage,
-            root_path=root,
-            ignore_paths=ignore,
-            solver=solver.kind,
-            hulls=solver.finds_contacts and not solver.chooses_contacts,
-        )
-        # By the stage alone: in a robot's file a mesh means its hull.
-        if solver.chooses_contacts:
-            concave = concave_colliders(report.ignored)
-            mark_triangles(builder, first, concave)
-            moving = concave & _moving(builder, first)
-            if as_they_are := {path for path in moving if asks_for_distance_field(stage.GetPrimAtPath(path))}:
-                self._use_mujoco_contacts(False)  # Newton's collision detection takes meshes as they are
-                report.ignored = rows_by_distance(report.ignored, as_they_are)
-                what = [f"the concave mesh '{path}' that moves as 'sdf'" for path in sorted(as_they_are)]
-                self._scene.sim.newton_contacts_for += tuple(what)
-        for prim, options in files:
-            extend_report(report, _import_file(builder, prim, options))
-        for prim, names in _keyed_prims(stage, NAMES_KEY, root, ignore):
-            rename_model(builder, str(prim.GetPath()), names)
-        return report
-
-    def _use_mujoco_contacts(self, value: bool) -> None:
-        """Decide what the config of the solver leaves open, in a copy of it."""
-        sim = self._scene.sim
-        sim.cfg = sim.cfg.replace(solver=sim.cfg.solver.replace(use_mujoco_contacts=value))
-
-    def _adopt(self, layouts: list[Layout]) -> None:
-        """Make assets of the articulations and free bodies that an imported stage brings."""
-        scene = self._scene
-        for layout in layouts:
-            name = _unique(layout.path.rsplit("/", 1)[-1], scene.keys())
-            if layout.floating and len(layout.bodies) == 1:
-                scene.rigid_objects[name] = _FoundBody(layout)
-                scene.assets.append(scene.rigid_objects[name])
-            else:
-                scene.articulations[name] = _FoundArticulation(layout)
-                scene.assets.append(scene.articulations[name])
-
-
-def _keyed_prims(
-    stage: Usd.Stage, key: str, root: str, ignore: tuple[str, ...]
-) -> list[tuple[Usd.Prim, dict[str, Any]]]:
-    """Prims below ``root`` with custom data of a key, and these data."""
-    prims = (p for p in Usd.PrimRange(stage.GetPrimAtPath(root)) if p.GetCustomDataByKey(key))
-    # Where something is ignored it is what lies in the environments: they are loaded with their own root.
-    inside = [p for p in prims if not (ignore and str(p.GetPath()).startswith("/World/envs"))]
-    return [(p, json.loads(p.GetCustomDataByKey(key))) for p in inside]
-
-
-def _unique(name: str, taken: list[str]) -> str:
-    """``name``, or the first of ``name_2``, ``name_3``, ... that is free."""
-    number = 1
-    while (candidate := name if number == 1 else f"{name}_{number}") in taken:
-        number += 1
-    return candidate
-
-
-def _import_file(builder: newton.ModelBuilder, prim: Usd.Prim, options: dict[str, Any]) -> StageReport:
-    """Import the URDF or MJCF file that ``prim`` represents, with labels below its path."""
-    own, names = dict(options), json.loads(prim.GetCustomDataByKey(NAMES_KEY) or "{}")
-    kind, path = own.pop("format"), own.pop("path")
-    pose = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()).RemoveScaleShear()
-    position, rotation = pose.ExtractTranslation(), pose.ExtractRotationQuat()
-    xform = wp.transform(wp.vec3(*position), wp.quat(*rotation.GetImaginary(), rotation.GetReal()))
-    try:
-        report = import_robot_file(builder, kind, path, own, xform, str(prim.GetPath()))
-        split_links(builder, str(prim.GetPath()), names.get("links", {}))
-        return report
-    except RobotFileError as error:
-        raise ValueError(f"{kind.upper()} file at '{prim.GetPath()}': {error}") from error
-
-
-class _Found:
-    """An asset that a stage brings itself: bound to its articulation, nothing is spawned."""
-
-    def __init__(self, layout: Layout):
-        state = ArticulationCfg.InitialStateCfg(pos=None, rot=None, joint_pos=None, joint_vel={})
-        self.cfg: Any = ArticulationCfg(prim_path=layout.path, articulation_root_prim_path="", init_state=state)
-        self.path = layout.path
-        self._found = layout
-
-    def _find_layout(self, layouts: Sequence[Layout], root_path: str | None = None) -> Layout:
-        """The articulation itself: a body may stand below another body's prim."""
-        return self._found
-
-    in_every_env = True  # also where the whole of a stage is one environment, and no path says so
-
-
-class _FoundArticulation(_Found, Articulation):
-    def prepare(self, layouts: Sequence[Layout], builder: newton.ModelBuilder) -> None:
-        targets = list(builder.joint_target_q), list(builder.joint_target_qd)
-        super().prepare(layouts, builder)
-        # A drive of the stage pulls where the stage says: no config moved the joints.
-        builder.joint_target_q[:], builder.joint_target_qd[:] = targets
-
-
-class _FoundBody(_Found, RigidObject):
-    pass
-
-
-def _moving(builder: newton.ModelBuilder, first: int) -> set[str]:
-    """Labels of the shapes from shape ``first`` on that belong to a body."""
-    return {builder.shape_label[i] for i in range(first, builder.shape_count) if builder.shape_body[i] >= 0}

@@ -36,7 +36,7 @@ _ROOM = 0.05
 _NO_COLLIDERS = (0.3, 0.5)
 """Radius and height that an environment without colliders gets [m]."""
 _GROUND = "the task's ground"
-"""How rows about it begin."""
+"""Name of it in the rows of the report."""
 _FLOOR_SHARE = 0.25
 """Share of its extent that the floors of a stage cover if it brings its own ground."""
 
@@ -47,8 +47,8 @@ class ImportedScenery:
     Attributes:
         stage: Where it is in the scene's stage, and what of it moves.
         replaces: Whether it takes the place of the task's ground.
-        joints: Joints of the template that are the stage's.
-        reset: What begins an episode, once the model is built.
+        joints: Joints of the template that come from the stage.
+        reset: Reset of the scenery and of the places to start, once the model is built.
     """
 
     reset: SceneryReset
@@ -86,7 +86,7 @@ class ImportedScenery:
         self._first_joint = template.joint_count
 
     def loaded_bodies(self, template: newton.ModelBuilder) -> None:
-        """Take note of the joints that the stage has added to the template."""
+        """Note which joints the stage has added to the template."""
         self.joints = range(self._first_joint, template.joint_count)
 
     @property
@@ -173,7 +173,7 @@ class ImportedScenery:
         return triangles_of(template, shapes, start_poses(template) if shapes else None)
 
     def bind(self, sim: Simulation, ground: SceneryGround) -> None:
-        """Prepare what begins an episode, once the model is built."""
+        """Make :attr:`reset`, once the model is built."""
         self.reset = SceneryReset(sim, ground, self.joints, self._draws)
 
     def _find_floors(self, triangles: Triangles, mesh: wp.Mesh, choose: bool = False) -> tuple[Floors, np.ndarray]:
@@ -245,7 +245,7 @@ def _ground_paths(scene: SceneContents) -> list[str]:
 
 
 def _colliders(builder: newton.ModelBuilder) -> list[int]:
-    """Colliders of a builder that have an end."""
+    """Colliders of a builder, without planes and height fields, which have no end."""
     solid, endless = int(newton.ShapeFlags.COLLIDE_SHAPES), (GeoType.PLANE, GeoType.HFIELD)
     kinds = zip(builder.shape_flags, builder.shape_type, strict=True)
     return [i for i, (flags, kind) in enumerate(kinds) if int(flags) & solid and kind not in endless]

@@ -18,7 +18,7 @@ from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.sensors.sensor_base import SensorBase, SensorCfg
 from stripe_newton.sensors.sensor_data import SensorData
 from stripe_newton.sim.host_flags import HostFlags
-from stripe_newton.sim.solver_cfg import MuJoCoSolverCfg
+from stripe_newton.sim.mujoco_solver_cfg import MuJoCoSolverCfg
 from stripe_newton.solvers.pair_list import remove_geom_pairs
 from stripe_newton.value_types import NonNegativeFloat, PositiveFloat, PositiveInt, short
 
@@ -32,7 +32,7 @@ __all__ = ["Obstacles", "ObstaclesCfg"]
 
 _SIZE_FIELDS = "positions", "rotations", "radius", "half_length"
 _LEFT_OUT = "positions", "radius"
-"""Those that a source of obstacles takes the place of."""
+"""Fields that a source of obstacles replaces."""
 _BLOCK = 32
 """Threads a block: so few that a few thousand worlds are spread over a whole GPU."""
 

@@ -38,7 +38,7 @@ class SceneQuerier:
             ``joint_velocity`` (num_envs, num_joints); world frame, SI units.
 
         Raises:
-            KeyError: if there is none of that name, or not one articulation alone.
+            KeyError: if the scene has no asset of that name, or none is given and it has not exactly one articulation.
         """
         name = self._name(name)
         data = self._asset(name).native_data
@@ -90,7 +90,7 @@ class SceneQuerier:
             Shape ``(num_envs, num_bodies, 3)``.
 
         Raises:
-            KeyError: if there is none of that name, or not one articulation alone.
+            KeyError: if the scene has no asset of that name, or none is given and it has not exactly one articulation.
             ValueError: if the solver reports no contact forces.
         """
         asset, sim = self._asset(self._name(name)), self._scene.sim
@@ -119,6 +119,7 @@ class SceneQuerier:
         return robots[0] if name is None else name
 
     def _asset(self, name: str) -> BoundAsset:
+        """The articulation or rigid object of a name."""
         assets: dict[str, BoundAsset] = {**self._scene.articulations, **self._scene.rigid_objects}
         if name not in assets:
             raise KeyError(f"no articulation or rigid object '{name}'; the scene has {', '.join(assets) or 'none'}")

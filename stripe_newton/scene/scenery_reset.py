@@ -15,7 +15,7 @@ __all__ = ["SceneryReset"]
 
 
 class SceneryReset:
-    """What an imported stage needs where an episode begins. It launches kernels alone, so a graph may hold it.
+    """Reset of an imported stage where an episode begins. It launches kernels alone, so a graph may hold it.
 
     Attributes:
         draws: Whether environments draw another place for each episode: not where something of theirs is fixed to the

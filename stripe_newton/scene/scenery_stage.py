@@ -11,6 +11,7 @@ from typing import Any
 
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
+from stripe_newton.robot_files import file_kind, mjcf_stage
 from stripe_newton.usd import StageError, converted, open_stage, stage_name
 from stripe_newton.usd.checks import check_stage
 from stripe_newton.usd.ignored_rows import Ignored
@@ -55,18 +56,19 @@ def author_scenery(
 
     Args:
         stage: The stage of a scene.
-        file: The USD file.
+        file: The USD file, or an MJCF file, of which what stands still is read.
         options: Where it stands.
         solver: Kind of the solver, for joints that it does not take.
         ground: Path of the scene's ground; None without one.
 
     Raises:
         StageError: if it cannot be simulated, or nothing in it collides.
+        RobotFileError: MuJoCo refuses the MJCF file.
     """
-    source = open_stage(Path(file).expanduser())
-    check_stage(source, "/", (), solver, True, stage_name(source))
+    source, name, missing = _open(Path(file).expanduser())
+    check_stage(source, "/", (), solver, True, name)
     in_si, rows = converted(source)
-    _check_colliders(in_si, stage_name(source), options)
+    _check_colliders(in_si, name, options)
     layer = in_si.Flatten()
     path = _free_path(stage, source, _parent(stage, ground))
     root = UsdGeom.Xform.Define(stage, str(path))
@@ -78,12 +80,31 @@ def author_scenery(
     root.AddTransformOp().Set(_placement(source, options))
     made = SceneryStage(file, str(path))
     made.rows = [(str(path) + where.rstrip("/"), what, why) for where, what, why in rows]
+    made.rows += [(f"{path}/{where}", what, why) for where, what, why in missing]
     if options.visuals_collide:
         _make_colliders(stage, path)
     _sort_prims(stage.GetPrimAtPath(path), made)
     for prim_path, kinds in read_semantics(stage, str(path)).items():
         made.labels[prim_path] = next(iter(kinds.values()))[0]
     return made
+
+
+def _open(path: Path) -> tuple[Usd.Stage, str, Ignored]:
+    """The stage of a file, its name for messages, and rows of what it lacks.
+
+    Raises:
+        StageError: if it is neither a USD nor an MJCF file, or refers to something that is not there.
+        RobotFileError: MuJoCo refuses the MJCF file.
+    """
+    kind = file_kind(path)
+    if kind.name == "mjcf":
+        stage, rows = mjcf_stage(path)
+        return stage, str(path), list(rows)
+    if kind.name == "urdf" or (not kind.name and path.suffix.lower() in (".xml", ".mjcf", ".urdf", ".sdf", ".xacro")):
+        advice = "; scenery is a USD or MJCF file, and a robot an asset of the scene"
+        raise StageError(str(path), "", f"{kind.description}{advice if kind.name else ''}")
+    source = open_stage(path)
+    return source, stage_name(source), []
 
 
 def _check_colliders(stage: Usd.Stage, name: str, options: SceneryOptionsCfg) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from stripe_kernels.picture import Look
+from stripe_kernels.picture_light import Look
 from stripe_kernels.sensors import camera as kernels
 from stripe_kernels.sensors.camera_shading import CameraLight
 from stripe_kernels.sensors.camera_shapes import Lens
@@ -34,7 +34,7 @@ from .prim_paths import OffsetCfg as FrameOffsetCfg
 from .ray_caster_targets import choose_visible, path_problems
 from .sensor_base import SensorBase, SensorBaseCfg
 from .sensor_mount import find_mount
-from .warp_struct import struct_fields
+from .warp_struct import field_values
 
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
@@ -348,7 +348,7 @@ class Camera(SensorBase):
         kept = {"mount": self._setup.mount} | light | self.clock.arrays | self._corruption.arrays
         if self.clock.period == 1:
             return kept
-        seen = {name: value for name, value in struct_fields(self.struct).items() if name not in _NOT_SAVED}
+        seen = {name: value for name, value in field_values(self.struct).items() if name not in _NOT_SAVED}
         return kept | seen | ({"color": self._seen_color.view(wp.int32)} if self._seen_color.size else {})
 
     def describe(self) -> str:

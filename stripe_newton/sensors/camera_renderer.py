@@ -14,7 +14,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from stripe_kernels.picture import Look
+from stripe_kernels.picture_light import Look
 from stripe_kernels.sensors import camera_shading as shading
 from stripe_kernels.sensors import camera_shapes as shapes
 from stripe_kernels.sensors.ray_blocks import BLOCK, bound_blocks
@@ -183,7 +183,7 @@ class CameraRenderer:
             shadows=shadows and wanted["color"],
             kinds=self._kinds,
         )
-        """What the kernel writes and looks at."""
+        """Outputs of the kernel, and the kinds of things it looks at."""
         self._kernel = shading.picture_kernel(self.features)
 
     def variant(self, images: CameraImages, shadows: bool) -> CameraRenderer:
@@ -233,7 +233,7 @@ class CameraRenderer:
         return np.array([faces[level[listed[a : a + n]]].sum() for a, n in zip(first, count, strict=False)])
 
     def describe(self) -> str:
-        """What it looks at, in a few words."""
+        """The shapes and lists that it looks at, in a few words."""
         slots = self._seen.env.shape[0]
         parts = [f"{slots / max(self._num_envs, 1) + self._slots.merged:g} shapes in a list"]
         parts += [f"{self._slots.merged} of them part of others"] if self._slots.merged else []

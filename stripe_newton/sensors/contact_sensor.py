@@ -17,7 +17,7 @@ from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.fusion.warp_types import struct_fields
 from stripe_newton.matching import match_names
 from stripe_newton.noise import NoiseCfg, NoiseModelCfg
-from stripe_newton.sim.solver_cfg import MuJoCoSolverCfg
+from stripe_newton.sim.mujoco_solver_cfg import MuJoCoSolverCfg
 from stripe_newton.solvers import SolverFused
 from stripe_newton.value_types import NonNegativeFloat, NonNegativeInt
 
@@ -70,8 +70,8 @@ class ContactSensor(SensorBase):
 
     The fused solver writes the forces of contacts, which one launch a measurement reads. With MuJoCo Warp they are read
     from its contacts and constraints: two launches a measurement, and one more a step for the times. Other solvers must
-    report contact forces, which the sensor switches on. A measurement is of the
-    forces in the last physics step; the first of an episode is of its first step.
+    report contact forces, which the sensor switches on. A measurement reads the forces of the last physics step, so
+    that an episode has none before its first step.
 
     ``data`` has ``net_forces_w``, ``net_forces_w_history``, ``force_matrix_w``, ``current_air_time``,
     ``last_air_time``, ``current_contact_time``, ``last_contact_time`` (see the struct
@@ -103,6 +103,7 @@ class ContactSensor(SensorBase):
         self._require_forces(sim, where)
 
     def _add_filter(self, name: str, shapes: tuple[list[int], list[int]], where: str) -> None:
+        """Give the colliders of a body or prim the next column of ``force_matrix_w``."""
         for column, indices in zip(self._columns, shapes):
             taken = column[indices].max(initial=-1)
             if taken >= 0:
@@ -241,6 +242,7 @@ class ContactSensor(SensorBase):
         return self._began(self.data.current_air_time, dt, abs_tol)
 
     def _began(self, time: torch.Tensor | None, dt: float, abs_tol: float | None) -> torch.Tensor:
+        """Mask of the times that began to run in the last ``dt`` seconds."""
         if time is None:
             raise RuntimeError(f"ContactSensor '{self.cfg.prim_path}' keeps no times: set 'track_air_time=True'")
         step = float(self.struct.measurement_dt)
@@ -314,7 +316,7 @@ class ContactSensor(SensorBase):
 
 
 class _ContactData(SensorData):
-    """The arrays, and the poses of the bodies."""
+    """Data of a contact sensor: its arrays, and the poses of its bodies."""
 
     _sim: Simulation | None = None
 

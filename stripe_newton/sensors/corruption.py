@@ -30,7 +30,7 @@ _KINDS: dict[type[NoiseCfg], tuple[int, str, str | None]] = {
     UniformNoiseCfg: (int(kernels.NOISE_UNIFORM), "n_min", "n_max"),
     GaussianNoiseCfg: (int(kernels.NOISE_GAUSSIAN), "mean", "std"),
 }
-"""Number of each kind of noise in the kernels, and its fields."""
+"""Number of each kind of noise in the kernels, and the fields with its two numbers."""
 _OPERATIONS = {"add": int(NOISE_ADD), "scale": int(NOISE_SCALE), "abs": int(NOISE_ABS)}
 
 
@@ -132,6 +132,7 @@ class _Table:
         self.a, self.b = np.zeros(size, dtype=np.float32), np.zeros(size, dtype=np.float32)
 
     def add(self, part: slice, cfg: NoiseCfg) -> None:
+        """Put noise on some of the floats."""
         kind = next((k for k in _KINDS if isinstance(cfg, k)), None)
         if kind is None:
             names = ", ".join(k.__name__ for k in _KINDS)
@@ -147,6 +148,7 @@ class _Table:
             column[part] = value
 
     def struct(self) -> kernels.Noise:
+        """The table as the struct that kernels read."""
         noise = kernels.Noise()
         noise.kind, noise.operation = wp.array(self.kind, dtype=int), wp.array(self.operation, dtype=int)
         noise.a, noise.b = wp.array(self.a, dtype=float), wp.array(self.b, dtype=float)

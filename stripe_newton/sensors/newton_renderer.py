@@ -139,7 +139,7 @@ class NewtonRenderer:
             wp.launch(kernels.clip_depth, dim=self._shape, inputs=inputs, outputs=[images.plane, images.length])
 
     def describe(self) -> str:
-        """What renders, in a few words."""
+        """The renderer in a few words."""
         return "Newton's sensor"
 
 

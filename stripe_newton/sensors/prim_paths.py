@@ -16,6 +16,7 @@ import numpy as np
 import warp as wp
 
 from stripe_newton.configclass import ConfigError, configclass
+from stripe_newton.expressions import full_match, reason_of
 from stripe_newton.sim.scene_context import authored_path, is_env_path
 
 __all__ = ["Frame", "OffsetCfg", "find_bodies", "find_colliders", "find_frames", "per_shape", "split_path"]
@@ -185,8 +186,7 @@ def _named(paths: dict[int, str], expression: str) -> dict[int, str]:
     """Paths that the expression matches, or whose last part it matches; a path equal to it comes alone."""
     # An exact path is no expression: a name with a dot would match others, too.
     exact = {i: p for i, p in paths.items() if p == expression}
-    pattern = _compiled(expression)
-    return exact or {i: p for i, p in paths.items() if pattern.fullmatch(p.rpartition("/")[2]) or pattern.fullmatch(p)}
+    return exact or {i: p for i, p in paths.items() if _fits(expression, p.rpartition("/")[2]) or _fits(expression, p)}
 
 
 def _only_inside(paths: dict[int, str], expression: str) -> dict[int, str]:
@@ -197,16 +197,16 @@ def _only_inside(paths: dict[int, str], expression: str) -> dict[int, str]:
 
 def _head(path: str, expression: str) -> str:
     """The beginning of a path that the expression names; empty if it names none."""
-    parts, pattern = path.split("/"), _compiled(expression)
+    parts = path.split("/")
     heads = ("/".join(parts[:depth]) for depth in range(1, len(parts) + 1))
-    return next((head for head in heads if pattern.fullmatch(head)), "")
+    return next((head for head in heads if _fits(expression, head)), "")
 
 
-def _compiled(expression: str) -> re.Pattern[str]:
+def _fits(expression: str, path: str) -> bool:
     try:
-        return re.compile(expression)
+        return full_match(expression, path) is not None
     except re.error as error:
-        raise ConfigError([f"prim_path: '{expression}' is no regular expression: {error}"]) from None
+        raise ConfigError([f"prim_path: '{expression}' {reason_of(error)}"]) from None
 
 
 def _names(paths: dict[int, str]) -> list[str]:

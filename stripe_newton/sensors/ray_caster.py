@@ -30,7 +30,7 @@ from .ray_caster_targets import ShapeTree, choose_shapes, field_of, path_problem
 from .sensor_base import SensorBase, SensorBaseCfg
 from .sensor_data import SensorData
 from .sensor_mount import carrying_asset, find_mount
-from .warp_struct import copy_struct, struct_fields
+from .warp_struct import copy_struct, field_values
 
 if TYPE_CHECKING:
     from stripe_newton.sim import Simulation
@@ -256,7 +256,7 @@ class RayCaster(SensorBase):
     @property
     def arrays(self) -> dict[str, wp.array]:
         drift = {"drift": self._setup.drift, "ray_drift": self._setup.ray_drift, "rng": self.rng}
-        measured = struct_fields(self.struct) if self.clock.period > 1 else {}
+        measured = field_values(self.struct) if self.clock.period > 1 else {}
         corruption = {}
         if self._corruption is not None:
             corruption = {f"corruption.{k.removeprefix('corruption.')}": v for k, v in self._corruption.arrays.items()}

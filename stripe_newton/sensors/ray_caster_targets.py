@@ -15,6 +15,7 @@ from stripe_kernels.sensors.ray_field import RayField
 from stripe_kernels.sensors.ray_shapes import RayTargets
 from stripe_kernels.terrain import TerrainData
 from stripe_newton.configclass import ConfigError
+from stripe_newton.expressions import expression_of, full_match, reason_of
 from stripe_newton.sim.scene_context import ENV_0
 
 __all__ = ["ShapeTree", "choose_shapes", "choose_visible", "field_of", "path_problems"]
@@ -107,12 +108,13 @@ def path_problems(paths: Sequence[str]) -> Iterator[tuple[str, str]]:
         return
     for i, path in enumerate(paths):
         try:
-            re.compile(path)
+            expression_of(path)
         except re.error as error:
-            yield f"mesh_prim_paths[{i}]", f"is {path!r}, which is no regular expression: {error}"
+            yield f"mesh_prim_paths[{i}]", f"is {path!r}, which {reason_of(error)}"
 
 
 def _paths(model: newton.Model) -> list[str]:
+    """Path of each shape, below that of its body."""
     bodies = model.shape_body.numpy()
     return [_path(model, i, int(bodies[i])) for i in range(model.shape_count)]
 
@@ -133,11 +135,14 @@ def _path(model: newton.Model, shape: int, body: int) -> str:
 
 
 def _matching(paths: list[str], pattern: str) -> np.ndarray:
-    found = re.compile(f"{pattern}(/.*)?")
+    """Paths at or below what a pattern matches, bool, one for each path."""
     seen: dict[str, bool] = {}  # the same paths come again in every environment
     for path in paths:
         if path not in seen:
-            seen[path] = found.fullmatch(path) is not None
+            try:
+                seen[path] = full_match(f"{pattern}(/.*)?", path) is not None
+            except re.error as error:
+                raise ConfigError([f"mesh_prim_paths: '{pattern}' {reason_of(error)}"]) from None
     return np.array([seen[path] for path in paths], dtype=bool)
 
 

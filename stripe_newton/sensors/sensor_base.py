@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sensor base: when a sensor measures, and what everything else knows of it."""
+"""Sensor base: how a sensor is built, what a step launches of it, and what terms read."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 import warp as wp
 
-from .warp_struct import struct_fields
+from .warp_struct import field_values
 
 __all__ = ["SensorData"]
 
@@ -29,7 +29,7 @@ class SensorData:
             absent: Fields that were not asked for; they are ``None``.
         """
         self.warp = struct
-        arrays = {name: value for name, value in struct_fields(struct).items() if isinstance(value, wp.array)}
+        arrays = {name: value for name, value in field_values(struct).items() if isinstance(value, wp.array)}
         self._tensors = {name: wp.to_torch(array) for name, array in arrays.items()}
         self._tensors |= dict.fromkeys(absent)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from typing import Any, TypeVar
 
-__all__ = ["copy_struct", "struct_fields"]
+__all__ = ["copy_struct", "field_values"]
 
 T = TypeVar("T")
 
 
-def struct_fields(struct: Any) -> dict[str, Any]:
+def field_values(struct: Any) -> dict[str, Any]:
     """Values of the fields of an instance of a ``@wp.struct``, by name."""
     return {name: getattr(struct, name) for name in struct._cls.vars}
 
@@ -23,6 +23,6 @@ def copy_struct(struct: T, like: type[T]) -> T:
         like: Its ``@wp.struct``; the instance's own type is one of Warp's.
     """
     made = like()
-    for name, value in struct_fields(struct).items():
+    for name, value in field_values(struct).items():
         setattr(made, name, value)
     return made

@@ -11,7 +11,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from .solver_cfg import MuJoCoSolverCfg
+from .mujoco_solver_cfg import MuJoCoSolverCfg
 
 if TYPE_CHECKING:
     from .simulation import Simulation

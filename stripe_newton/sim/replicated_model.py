@@ -21,7 +21,7 @@ from newton import GeoType, Model
 __all__ = ["finalize_replicated", "is_repeated", "missing_names"]
 
 _DIFFER = ("shape_label", "shape_body", "shape_transform", "shape_world")
-"""What shapes of one kind have each of their own; the model's arrays of the builder's values."""
+"""Arrays in which shapes of one kind have values of their own."""
 _ARRAYS = (("shape_body", wp.int32), ("shape_transform", wp.transform), ("shape_world", wp.int32))
 _SHAPE = Model.AttributeFrequency.SHAPE
 _OF_BUILDER = (

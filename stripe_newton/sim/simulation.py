@@ -21,10 +21,11 @@ from stripe_newton.value_types import PositiveInt, Range, short
 from .body_choice import BodyChoice
 from .capture import capture_graph
 from .finite_state import FiniteState
+from .mujoco_solver_cfg import MuJoCoSolverCfg
 from .replication import put_choices, put_unmoved, replicate
 from .reset_mask import ResetMask
 from .simulation_parts import SimulationParts
-from .solver_cfg import MuJoCoSolverCfg, SolverCfg
+from .solver_cfg_base import SolverCfg
 from .spawners.materials import RigidBodyMaterialCfg
 from .start_trial import fit_buffers
 

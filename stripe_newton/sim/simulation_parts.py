@@ -38,7 +38,7 @@ from .physics_step import PhysicsStep
 from .replicated_model import finalize_replicated
 from .replication import absent_shapes
 from .reset_mask import ResetMask
-from .solver_cfg import SolverCfg
+from .solver_cfg_base import SolverCfg
 from .static_solver import SolverStatic, complete_state
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class SimulationParts:
     template: newton.ModelBuilder
     """Builder of one environment, at the origin."""
     newton_contacts_for: tuple[str, ...] = ()
-    """What of the scene asks for Newton's collision detection, to be named in :meth:`describe_solver`."""
+    """Parts of the scene that ask for Newton's collision detection, to be named in :meth:`describe_solver`."""
     body_choices: Sequence[BodyChoice] = ()
     """Bodies that are another asset in each environment."""
     absent_shapes: AbsentShapes | None = None

@@ -40,7 +40,7 @@ class Cells:
 def level_cells(
     cells: Cells, corners: np.ndarray, normals: np.ndarray, geoms: np.ndarray, goes_on: np.ndarray
 ) -> np.ndarray:
-    """Of each cell a face for whose plane all of its faces may be taken, -1 where there is none.
+    """For each cell a face whose plane may stand for all of its faces, -1 where there is none.
 
     The nearest point of the faces is then the nearest one of the plane, for every point of the cell.
 

@@ -24,7 +24,7 @@ __all__ = [
 ]  # fmt: skip
 
 _WEIGHTS = frozenset({"weight", "dof_weight", "solref_limit", "bias"})
-"""What follows from masses and armatures: inverse weights, stiffness of limits, damping of drives."""
+"""Numbers that follow from masses and armatures: inverse weights, stiffness of limits, damping of drives."""
 _BODIES = frozenset({"mass", "com", "inertia", "inertia_quat", "gravcomp"}) | _WEIGHTS
 _JOINTS = _WEIGHTS | {
     "body_pos", "body_quat", "joint_pos", "joint_axis", "spring", "qpos0", "range", "limit_margin", "solimp_limit",

@@ -29,7 +29,7 @@ _EQUALITY_ROWS = {mujoco.mjtEq.mjEQ_CONNECT: 3, mujoco.mjtEq.mjEQ_WELD: 6}
 
 
 def actuator_moments(model: mujoco.MjModel) -> list[list[tuple[int, float]]]:
-    """Of each actuator the degrees of freedom on which it acts, with their coefficients."""
+    """For each actuator the degrees of freedom on which it acts, with their coefficients."""
     return [list(_actuator_moment(model, u)) for u in range(model.nu)]
 
 
@@ -57,13 +57,13 @@ def attached_equalities(model: mujoco.MjModel) -> list[int]:
 
 
 def actuators_by_dof(model: mujoco.MjModel) -> list[list[tuple[int, float]]]:
-    """Of each degree of freedom the actuators that act on it, with their coefficients."""
+    """For each degree of freedom the actuators that act on it, with their coefficients."""
     moments = actuator_moments(model)
     return [[(u, c) for u in range(model.nu) for d, c in moments[u] if d == i] for i in range(model.nv)]
 
 
 def dof_couplings(model: mujoco.MjModel) -> list[list[tuple[int, int, float]]]:
-    """Of each degree of freedom those that actuators couple it with, itself and ancestors: degree, actuator, factor.
+    """For each degree of freedom those that actuators couple it with, itself and ancestors: degree, actuator, factor.
 
     Others that a tendon couples are left out, as MuJoCo's implicitfast leaves them out.
     """

@@ -44,7 +44,7 @@ class SubTerrainBaseCfg:
     """Flat patches to sample, by name. Terms read ``"init_pos"`` and ``"target"``."""
 
     def heights(self, difficulty: float, rng: np.random.Generator) -> np.ndarray:
-        """What ``function`` returns: heights of a tile [m], rows along y."""
+        """Heights of a tile [m], rows along y, made by :attr:`function`."""
         return self.function(difficulty, self, rng)
 
     def origin_height(self, tile: np.ndarray) -> float:

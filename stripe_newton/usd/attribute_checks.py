@@ -20,7 +20,7 @@ _SHAPE_NAMES = {"size", "radius", "height", "width", "length", "axis"}
 
 
 def attribute_reasons(prim: Usd.Prim) -> Iterator[str]:
-    """What is wrong with the authored values of a prim, one sentence for each attribute: type, range, finiteness."""
+    """Problems of the authored values of a prim, one sentence for each attribute: type, range, finiteness."""
     for attribute, rule in _read_attributes(prim):
         value = attribute.Get()
         if value is None:

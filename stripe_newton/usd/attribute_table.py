@@ -27,7 +27,7 @@ class Rule(NamedTuple):
     pattern: re.Pattern[str]
     """Names of the attributes, matched as a whole."""
     right: str
-    """What would be right, for the sentence "it must be ..."."""
+    """The right values in words, for the sentence "it must be ..."."""
     low: float = -math.inf
     """Least value of each component."""
     high: float = math.inf

@@ -53,7 +53,7 @@ def mass_problems(builder: newton.ModelBuilder, start: BuilderStart, smallest: f
 
 
 def moments_problem(inertia: np.ndarray) -> str:
-    """What is wrong with the principal moments of an inertia tensor; empty if nothing is, or they are 0.
+    """Problem of the principal moments of an inertia tensor; empty if there is none, or they are 0.
 
     Args:
         inertia: The tensor [kg m^2], shape ``(3, 3)``.

@@ -26,7 +26,7 @@ def path_reason(path: Path) -> str:
 
 
 def open_error(path: Path, error: Exception) -> str:
-    """What is wrong in a file that USD does not open: the first syntax error by line and column, or what USD says."""
+    """Reason why USD does not open a file: the first syntax error by line and column, or USD's own words."""
     try:
         text = str(error)
     except UnicodeDecodeError:  # the error quotes what is not UTF-8

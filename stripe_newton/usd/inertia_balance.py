@@ -57,7 +57,7 @@ def balance_inertias(builder: newton.ModelBuilder, first: int) -> Iterator[tuple
 
 
 def _lift_off_the_limit(inertia: np.ndarray) -> float:
-    """What to add to the moments of an inertia, so that rounding does not break the triangle inequality [kg m^2]."""
+    """Amount to add to the moments of an inertia so that rounding keeps the triangle inequality [kg m^2]."""
     low, middle, high = np.linalg.eigvalsh(inertia)
     margin = low + middle - high
     return float(_MARGIN * high - margin) if margin < _LEAST_MARGIN * high else 0.0
@@ -69,7 +69,7 @@ def _set_inertia(builder: newton.ModelBuilder, body: int, inertia: np.ndarray) -
 
 
 def _by_newton(builder: newton.ModelBuilder, masses: np.ndarray, inertias: np.ndarray) -> np.ndarray:
-    """What Newton makes of inertias when it makes a model, shape ``(bodies, 3, 3)``."""
+    """Inertias as Newton corrects them when it makes a model, shape ``(bodies, 3, 3)``."""
     bodies = newton.ModelBuilder()
     bodies.inertia_absolute_tolerance = builder.inertia_absolute_tolerance
     for mass, inertia in zip(masses, inertias, strict=True):

@@ -27,7 +27,7 @@ from .file_errors import last_line
 from .flat_meshes import thicken_flat_meshes
 from .ignored_rows import Ignored
 from .inertia_balance import balance_inertias
-from .mesh_approximations import asks_for_distance_field, can_approximate, quiet_decomposition
+from .mesh_approximations import asks_for_distance_field, can_approximate, kept_decompositions, quiet_decomposition
 from .newton_warnings import collected_warnings
 from .prepare import prepare
 from .report_rows import build_report
@@ -111,7 +111,7 @@ def _add_usd(
         StageError: it does not support the stage.
     """
     quiet_decomposition()
-    with _warnings_as_rows(rows, stage):
+    with kept_decompositions(stage, name), _warnings_as_rows(rows, stage):
         try:
             return builder.add_usd(
                 without_errors(stage),

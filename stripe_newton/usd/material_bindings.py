@@ -18,7 +18,7 @@ class LostMaterial:
 
     path: str
     why: str
-    """What is wrong with it, such as ``"does not exist"``."""
+    """Problem of the material, such as ``"does not exist"``."""
     colliders: list[str] = field(default_factory=list)
     """Paths of the colliders, in the order of the stage."""
     bindings: list[tuple[str, str]] = field(default_factory=list)

@@ -72,7 +72,7 @@ def _expand(edit: StageOverlay, path: Sdf.Path, rows: Ignored, name: str, room: 
 
 
 def _wrong(stage: Usd.Stage, instancer: UsdGeom.PointInstancer, prototypes: list[Sdf.Path], kinds: list[int]) -> str:
-    """What is wrong with the arrays of an instancer; empty if nothing."""
+    """Problem of the arrays of an instancer; empty if there is none."""
     if lost := [p for p in prototypes if not stage.GetPrimAtPath(p)]:
         return f"its prototype {lost[0]} does not exist"
     if around := [p for p in prototypes if instancer.GetPath().HasPrefix(p)]:

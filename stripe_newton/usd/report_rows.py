@@ -193,7 +193,7 @@ def _shape(builder: newton.ModelBuilder, shape: int, stage: Usd.Stage) -> ShapeR
 
 
 def _size(builder: newton.ModelBuilder, shape: int, kind: GeoType) -> tuple[float, ...]:
-    """What :attr:`.ShapeRow.size` holds: of a mesh half its extents, as the scale alone says nothing about its size."""
+    """Value of :attr:`.ShapeRow.size`: half the extents of a mesh, whose scale alone says nothing about its size."""
     scale, source = _vec3(builder.shape_scale[shape]), builder.shape_source[shape]
     if kind in (GeoType.MESH, GeoType.CONVEX_MESH) and source is not None and len(source.vertices):
         return _vec3(0.5 * np.ptp(np.asarray(source.vertices), axis=0) * np.abs(scale))

@@ -87,7 +87,7 @@ def _reference_targets(prims: Sequence[Usd.Prim]) -> set[Sdf.Path]:
 
 
 def _distortion(prim: Usd.Prim, rows: np.ndarray) -> str:
-    """What a matrix does to a shape that Newton does not; empty if nothing."""
+    """Part of a matrix that Newton does not apply to a shape, in words; empty if there is none."""
     scale = np.linalg.norm(rows, axis=1)
     cosines = (rows @ rows.T) / np.outer(scale, scale)
     if np.abs(cosines[np.triu_indices(3, 1)]).max() > _SAME:

@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["USUAL_AZIMUTH", "Follower", "camera_axes", "frame_points", "good_azimuth"]
+__all__ = ["USUAL_AZIMUTH", "Follower", "camera_axes", "frame_points", "good_azimuth", "good_elevation", "views_around"]
 
 USUAL_AZIMUTH = math.radians(-55.0)
 """Direction from the scene to a camera that frames itself, about +Z from +X [rad]."""
+_USUAL_ELEVATION, _OVER_WALLS = math.radians(13.0), math.radians(40.0)
 
 
 def camera_axes(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -70,6 +72,30 @@ def frame_points(
     return target + distance * towards, target
 
 
+def views_around(
+    eye: np.ndarray, target: np.ndarray, turns: Sequence[float], elevations: Sequence[float]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Eye and target of cameras at the same distance from a target, from other sides and from higher up.
+
+    Args:
+        eye: Position of the first camera [m], shape ``(3,)``.
+        target: What they look at [m], shape ``(3,)``.
+        turns: Angles from its direction, about +Z [deg].
+        elevations: Least angles above the horizon [deg], each with all turns; that of the first camera if it is higher.
+    """
+    away = np.asarray(eye, dtype=float) - target
+    distance, azimuth = float(np.linalg.norm(away)), math.atan2(away[1], away[0])
+    own = math.asin(away[2] / distance)
+    views = []
+    for least in elevations:
+        up = max(own, math.radians(least))
+        for turn in turns:
+            at = azimuth + math.radians(turn)
+            towards = [math.cos(up) * math.cos(at), math.cos(up) * math.sin(at), math.sin(up)]
+            views.append((target + distance * np.array(towards), np.asarray(target, dtype=float)))
+    return views
+
+
 def good_azimuth(points: np.ndarray) -> float:
     """Azimuth of the camera [rad] that shows ``points``, shape (n, 3), well: long things show their long side."""
     if len(points) < 2:
@@ -83,6 +109,19 @@ def good_azimuth(points: np.ndarray) -> float:
     axis = math.atan2(directions[1, 1], directions[0, 1])
     choices = [axis + side * math.radians(65.0) + turn for side in (-1, 1) for turn in (0.0, math.pi)]
     return min(choices, key=lambda a: 1.0 - math.cos(a - USUAL_AZIMUTH))
+
+
+def good_elevation(points: np.ndarray, moves: bool) -> float:
+    """Elevation of the camera [rad] that shows ``points``, shape (n, 3), well: over the walls into rooms.
+
+    Args:
+        points: What the picture shows.
+        moves: Whether something in the scene moves; then the picture shows that, and not the rooms around it.
+    """
+    if moves or len(points) < 2:
+        return _USUAL_ELEVATION
+    width, depth, height = np.ptp(points, axis=0)
+    return _OVER_WALLS if height < 0.4 * min(width, depth) else _USUAL_ELEVATION
 
 
 class Follower:

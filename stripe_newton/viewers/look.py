@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import warp as wp
 
-from stripe_kernels.picture import Look
+from stripe_kernels.picture_light import Look
 
 if TYPE_CHECKING:
     from .lighting import Lighting

@@ -10,7 +10,15 @@ import newton
 import numpy as np
 import warp as wp
 
-from .camera_framing import USUAL_AZIMUTH, Follower, camera_axes, frame_points, good_azimuth
+from .camera_framing import (
+    USUAL_AZIMUTH,
+    Follower,
+    camera_axes,
+    frame_points,
+    good_azimuth,
+    good_elevation,
+    views_around,
+)
 from .display_model import DisplayModel
 from .lighting import lighting_from
 from .roaming import roaming_body
@@ -24,6 +32,8 @@ __all__ = ["SceneRenderer"]
 
 _OTHER_SIDES = (0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
 """Turns from the usual direction of a camera to others that are tried where walls hide what it looks at [deg]."""
+_HIGHER = (0.0, 40.0, 65.0)
+"""Elevations that are tried there [deg], each from all sides: over a wall one sees down, but not through a ceiling."""
 _FROM_WALL = 0.05
 """Distance of a camera from the wall that it is moved in front of [m]."""
 _NEAREST = 0.15
@@ -46,6 +56,9 @@ class SceneRenderer:
         IndexError: An environment that the simulation does not have.
         ValueError: ``cfg.asset_name`` matches no body.
     """
+
+    _widening: WideningView | None
+    """View that moves back where a fixed robot reaches out of the picture; None for other cameras."""
 
     def __init__(self, sim: ViewedSimulation, cfg: ViewerCfg, env_ids: Sequence[int] | None = None):
         cfg.validate()
@@ -172,17 +185,23 @@ class SceneRenderer:
         if cfg.eye is None or cfg.aim is None:
             aspect = self._width / self._height
             azimuth = good_azimuth(points) if cfg.azimuth is None else math.radians(cfg.azimuth)
-            elevation, fov = math.radians(cfg.elevation), math.radians(cfg.fov)
+            moves = sim.template.body_count > 0
+            elevation = good_elevation(points, moves) if cfg.elevation is None else math.radians(cfg.elevation)
+            fov = math.radians(cfg.fov)
             followed = self._movable if cfg.follow else self._movable[:0]
             walls = scene.sight_line() if len(followed) else SightLine()
             # In a room the usual direction may be that of the wall beside the robot.
-            turns = _OTHER_SIDES if cfg.azimuth is None and not walls.is_free else (0.0,)
+            free_choice = cfg.azimuth is None and not walls.is_free
+            turns, higher = (_OTHER_SIDES, _HIGHER) if free_choice else ((0.0,), (0.0,))
             views = [
-                frame_points(points, azimuth + math.radians(turn), elevation, fov, aspect, cfg.margin) for turn in turns
+                frame_points(
+                    points, azimuth + math.radians(turn), max(elevation, math.radians(up)), fov, aspect, cfg.margin
+                )
+                for up in higher
+                for turn in turns
             ]
-            self._eye, self._target = min(views, key=lambda view: walls.blocked_until(*view))  # of equal ones the first
             self._follow(followed)
-            self._walls = walls
+            self._look_past(walls, views)
             if cfg.follow and not len(self._movable) and scene.body_count and len(points):
                 view = (azimuth, elevation, fov, aspect, cfg.margin)
                 self._widening = WideningView(points, view, cfg.follow_time)
@@ -202,6 +221,22 @@ class SceneRenderer:
         self._follow(followed)
         self._turns = cfg.origin_type == "asset_heading"
         self._is_close_up = len(env_ids) > 1 and cfg.origin_type.startswith("asset_")
+        if cfg.origin_type == "asset_root":
+            self._look_past(scene.sight_line(), views_around(self._eye, self._target, _OTHER_SIDES, _HIGHER))
+
+    def _look_past(self, walls: SightLine, views: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
+        """Look from the first of some views, pairs of eye and target, from which walls hide the least."""
+        self._walls, self._views = walls, list(views)
+        self._choose_view(np.zeros(3))
+
+    def _choose_view(self, shift: np.ndarray) -> None:
+        """Choose among the views again, where the camera has moved by ``shift``."""
+        if self._walls.is_free:
+            self._eye, self._target = self._views[0]
+            return
+        self._eye, self._target = min(
+            self._views, key=lambda view: self._walls.blocked_until(view[0] + shift, view[1] + shift)
+        )
 
     def _follow(self, bodies: np.ndarray) -> None:
         """Move the camera with the mean position of ``bodies`` from now on, indices into the display state."""
@@ -212,9 +247,10 @@ class SceneRenderer:
         # A robot that moves farther than its own size within a frame was reset.
         # Slower in height: a camera that sinks with a robot would hide that it falls.
         times = self.cfg.follow_time * np.array([1.0, 1.0, 4.0])
-        self._follower = Follower(times, jump=max(self._radius, 0.5))
+        self._jump = max(self._radius, 0.5)
+        self._follower = Follower(times, jump=self._jump)
         at = self._scene.body_q[bodies, :3].astype(float) if len(bodies) else np.zeros((1, 3))
-        self._rest = np.nan_to_num(at.mean(axis=0))
+        self._rest = self._followed_at = np.nan_to_num(at.mean(axis=0))
 
     def _shift(self, poses: np.ndarray) -> np.ndarray:
         """Displacement of the camera with the bodies that it follows since it was set up, shape (3,)."""
@@ -224,7 +260,11 @@ class SceneRenderer:
         at = at[np.isfinite(at).all(axis=1)]  # a diverged world does not take the others' camera with it
         if len(at) == 0:
             return np.zeros(3)
-        return self._follower.follow(at.mean(axis=0)) - self._rest
+        middle = at.mean(axis=0)
+        if not self._walls.is_free and np.linalg.norm(middle - self._followed_at) > self._jump:
+            self._choose_view(middle - self._rest)  # a new episode begins elsewhere, beside other walls
+        self._followed_at = middle
+        return self._follower.follow(middle) - self._rest
 
     def _behind(
         self, pose: np.ndarray, eye: np.ndarray, target: np.ndarray, about: np.ndarray

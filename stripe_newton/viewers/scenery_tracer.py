@@ -28,7 +28,7 @@ from stripe_kernels.picture_scenery import (
 from .leaf_meshes import LEAF_STYLES, leaf_mesh, leaf_styles
 
 if TYPE_CHECKING:
-    from stripe_kernels.picture import Look
+    from stripe_kernels.picture_light import Look
 
     from .display_model import DisplayModel
 

@@ -15,6 +15,8 @@ _HEAD_BYTES = 16384
 """Longest head of a request."""
 _HEAD_S = 10.0
 """Seconds that a client has to send it."""
+_MOST_WAITING = 64
+"""Most clients that have not sent it yet: each takes an open file, which checkpoints need, too."""
 _PORTS = 100
 """Ports that are tried, beginning with the one that was asked for."""
 _TOKEN_IN_PATH = re.compile(rb"[?&]token=([\w-]+)")
@@ -39,7 +41,7 @@ class TokenServer:
 
     def __init__(self, host: str, port: int, target: int):
         self.token = secrets.token_urlsafe(24)
-        self._target = target
+        self._target, self._waiting = target, 0
         self._server: asyncio.Server | None = None
         # A loop in a thread of its own from the start: that of the caller may have one, as in a notebook.
         self._loop = asyncio.new_event_loop()
@@ -81,9 +83,11 @@ class TokenServer:
             self._thread.join()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(OSError, EOFError, asyncio.LimitOverrunError, TimeoutError, asyncio.TimeoutError):
+        ends = OSError, EOFError, asyncio.LimitOverrunError, TimeoutError, asyncio.TimeoutError
+        # Also cancelled by `close`: browsers keep connections open that they have not used.
+        with contextlib.suppress(*ends, asyncio.CancelledError):
             try:
-                head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEAD_S)
+                head = await self._head(reader)
                 given = _TOKEN_IN_PATH.search(head.partition(b"\r\n")[0])
                 if given is not None and self._is_token(given[1]):
                     # Once with the token as a cookie, so that the address in the browser does not show it any longer.
@@ -96,6 +100,20 @@ class TokenServer:
                 await writer.drain()
             finally:
                 writer.close()
+
+    async def _head(self, reader: asyncio.StreamReader) -> bytes:
+        """The head of a request.
+
+        Raises:
+            OSError: if too many other clients are waited for.
+        """
+        if self._waiting >= _MOST_WAITING:
+            raise OSError("too many clients")
+        self._waiting += 1
+        try:
+            return await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEAD_S)
+        finally:
+            self._waiting -= 1
 
     def _is_token(self, given: bytes) -> bool:
         return secrets.compare_digest(given, self.token.encode())

@@ -11,7 +11,8 @@ import warp as wp
 from newton.sensors import SensorCamera
 
 from stripe_kernels.box_normals import fill_box_normals
-from stripe_kernels.picture import SAMPLES, Look, mark_edges, resolve_edges, shade_pixels, shadow_casters
+from stripe_kernels.picture import SAMPLES, mark_edges, resolve_edges, shade_pixels, shadow_casters
+from stripe_kernels.picture_light import Look
 from stripe_kernels.picture_parts import gather_rays, scatter_hits, trace_planes
 from stripe_newton.thread_pool import ThreadPool
 from stripe_newton.threads import available_cores

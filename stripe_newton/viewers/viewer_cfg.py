@@ -50,8 +50,9 @@ class ViewerCfg:
     """Automatic framing: direction from the scene to the camera, about +Z from +X [deg]. None: -55, or 25 from the
     perpendicular of the long side if the scene is long and thin."""
 
-    elevation: float = 13.0
-    """Automatic framing: angle of the camera above the horizon [deg]."""
+    elevation: float | None = None
+    """Automatic framing: angle of the camera above the horizon [deg]. None: 13, or 40 where nothing moves and the scene
+    is wide and low, as rooms are."""
 
     margin: float = 1.35
     """Automatic framing: size of the picture relative to the scene in it."""
@@ -123,7 +124,7 @@ class ViewerCfg:
             yield "env_index", f"got {self.env_index!r}, expected the index of an environment, 0 or more"
         for name, low, high in _RANGES:
             value = getattr(self, name)
-            if value is None and name in ("azimuth", "shadow_resolution"):
+            if value is None and name in ("azimuth", "elevation", "shadow_resolution"):
                 continue
             if not _numbers((value,), 1) or not low <= value <= high:
                 yield name, f"got {value!r}, expected a number from {low:g} to {high:g}"

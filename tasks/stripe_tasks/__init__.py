@@ -302,7 +302,7 @@ PLAY = {
     "Forest": "in woods that it was not trained in",
     "Tracking": "from their start to their end, without noise and pushes",
 }
-"""What is different in the ``-Play-`` form of a task, by the first word of its name."""
+"""Differences of the ``-Play-`` form of a task, by the first word of its name."""
 
 WARP_HOOKS = ("Cartpole-Camera", "Quadcopter", "Repose-Cube-Allegro")
 """Direct tasks that have Warp hooks alone, without saying so in their names."""

@@ -21,7 +21,7 @@ from stripe_newton.rl import (
     RslRlRecurrentCNNModelCfg,
 )
 from stripe_newton.sensors import DepthNoiseCfg, PinholeCameraCfg, TiledCameraCfg
-from stripe_tasks.velocity.manager_based import ProprioceptionCfg
+from stripe_tasks.velocity.manager_terms import ProprioceptionCfg
 
 __all__ = [
     "MOUNTING",

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 import warp as wp
 
+SMALL = (96, 64)
+"""Size of a picture [px]."""
+
 
 def light(kind, color=(1.0, 1.0, 1.0), intensity=3000.0, direction=(0.3, 0.4, -0.87)):
     return types.SimpleNamespace(kind=kind, color=color, intensity=intensity, direction=direction)
@@ -35,3 +38,23 @@ def sim_of(template, num_envs=1, spacing=3.0, ground=True, device="cpu", lights=
         device=device, template=template, static=static, env_origins=origins, model=model, state=state,
         num_envs=num_envs, lights=list(lights), env_origin=None,
     )  # fmt: skip
+
+
+def box(color=(0.9, 0.05, 0.05), position=(0.0, 0.0, 0.5), half=0.15):
+    template = newton.ModelBuilder()
+    body = template.add_body(xform=wp.transform(wp.vec3(*position), wp.quat_identity()), label="/World/Crate/base")
+    template.add_shape_box(body, hx=half, hy=half, hz=half, color=color)
+    return template
+
+
+def move(sim, env, offset):
+    count = sim.template.body_count
+    poses = sim.state.body_q.numpy()
+    poses[env * count : (env + 1) * count, :3] += offset
+    sim.state.body_q.assign(poses)
+
+
+def red_pixels(frame):
+    """Row and column of the pixels that are clearly red, shape (n, 2)."""
+    r, g, b = (frame[..., i].astype(int) for i in range(3))
+    return np.argwhere((r > 90) & (r > 2 * g) & (r > 2 * b))

@@ -13,17 +13,16 @@ import warp as wp
 
 from stripe_kernels import mdp
 from stripe_kernels.data import CommandData, PoseCommandData, VelocityCommandData
-from stripe_newton.configclass import ConfigError, configclass
+from stripe_newton.configclass import configclass
 from stripe_newton.envs import mdp as cfgs
 from stripe_newton.fusion import KernelLaunches, Section, bind_term, code
-from stripe_newton.managers import CommandManager, CommandTermCfg
-from stripe_newton.noise import UniformNoiseCfg
+from stripe_newton.managers import CommandManager
 from tests.helpers import term_reference, term_reference_random
+from tests.helpers.command_terms import drawn, normal_velocity, own, pose, pose_2d, velocity
 from tests.helpers.manager_world import manager_context, plan, set_reset
 from tests.helpers.term_reference_random import Stream
 
 N, DT = 4, 1.0 / 60.0
-INF = math.inf
 
 
 class World:
@@ -67,45 +66,6 @@ class World:
 
     def array(self, name: str) -> np.ndarray:
         return self.context.arrays[f"commands.{name}"].numpy()
-
-
-def velocity(**changes: Any) -> Any:
-    ranges = cfgs.UniformVelocityCommandCfg.Ranges(
-        lin_vel_x=(-1.0, 1.5), lin_vel_y=(-0.5, 0.5), ang_vel_z=(-1.0, 0.7), heading=(-3.0, 3.0)
-    )
-    cfg = cfgs.UniformVelocityCommandCfg(
-        asset_name="robot",
-        resampling_time_range=(0.04, 0.09),
-        heading_command=True,
-        heading_control_stiffness=0.5,
-        rel_standing_envs=0.2,
-        rel_heading_envs=0.6,
-        ranges=ranges,
-    )
-    return cfg.replace(**changes)
-
-
-def normal_velocity() -> Any:
-    ranges = cfgs.NormalVelocityCommandCfg.Ranges(
-        mean_vel=(0.5, 0.0, 1.0), std_vel=(0.1, 0.2, 0.0), zero_prob=(0.1, 0.0, 0.5)
-    )
-    return cfgs.NormalVelocityCommandCfg(resampling_time_range=(0.04, 0.09), rel_standing_envs=0.2, ranges=ranges)
-
-
-def pose(**changes: Any) -> Any:
-    ranges = cfgs.UniformPoseCommandCfg.Ranges(
-        pos_x=(-0.5, 0.5), pos_y=(0.25, 0.25), pos_z=(0.0, 0.3), roll=(-0.7, 0.7), pitch=(-1.5, 1.5), yaw=(-3.1, 3.1)
-    )
-    cfg = cfgs.UniformPoseCommandCfg(
-        asset_name="robot", body_name="left_back_foot", resampling_time_range=(0.04, 0.09), ranges=ranges
-    )
-    return cfg.replace(**changes)
-
-
-def pose_2d(**changes: Any) -> Any:
-    ranges = cfgs.UniformPose2dCommandCfg.Ranges(pos_x=(-3.0, 3.0), pos_y=(-2.0, 1.0), heading=(-3.0, 3.0))
-    cfg = cfgs.UniformPose2dCommandCfg(asset_name="robot", resampling_time_range=(0.04, 0.09), ranges=ranges)
-    return cfg.replace(**changes)
 
 
 UNIFORM = {
@@ -231,34 +191,6 @@ def test_commands_and_metrics_are_those_of_the_reference(case):
 
 
 # -- behaviour
-
-
-@wp.func
-def count_up(env: int, command: CommandData, rng: wp.array[wp.uint32], stride: float):
-    command.command[env, 0] = command.command[env, 0] + stride
-    command.command[env, 1] = mdp.random.uniform(env, rng)
-
-
-@wp.func
-def age(env: int, command: CommandData):
-    command.command[env, 2] = command.time_left[env]
-
-
-@wp.func
-def drawn(env: int, command: CommandData, scale: float) -> float:
-    return scale * float(command.counter[env])
-
-
-def own(**changes: Any) -> CommandTermCfg:
-    cfg = CommandTermCfg(
-        resampling_time_range=(0.095, 0.095),
-        resample=count_up,
-        update=age,
-        size=3,
-        params={"stride": 2.0, "scale": 10.0},
-        metrics={"drawn": drawn},
-    )
-    return cfg.replace(**changes)
 
 
 def test_own_command_is_drawn_at_the_reset_and_when_its_time_is_up():
@@ -439,61 +371,6 @@ def test_subclass_of_a_config_is_of_its_kind_and_may_have_own_functions_and_fiel
         "Metrics/forward/error_vel_xy", "Metrics/forward/error_vel_yaw", "Metrics/forward/drawn",
     }  # fmt: skip
     assert log["Metrics/forward/drawn"] == 3.0
-
-
-# -- what is wrong with a config
-
-
-@wp.func
-def no_number(env: int, command: CommandData) -> bool:
-    return True
-
-
-@pytest.mark.parametrize(
-    ("term", "start", "parts"),
-    [
-        (velocity(asset_name="arm"), "commands.t.asset_name", ["'arm'", "robot"]),
-        (pose(asset_name="arm"), "commands.t.asset_name", ["'arm'", "robot"]),
-        (pose(body_name="hand"), "commands.t.body_name", ["'hand'", "torso", "left_back_foot"]),
-        (pose(body_name=".*foot"), "commands.t.body_name", ["more than one", "left_back_foot"]),
-        (own(resample=None), "commands.t.resample", ["None", "@wp.func"]),
-        (own(update=print), "commands.t.update", ["print", "@wp.func"]),
-        (own(metrics={"m": print}), "commands.t.metrics.m", ["print", "@wp.func"]),
-        (own(size=0), "commands.t.size", ["0"]),
-        (own(params={"scale": 1.0}), "commands.t.params.stride", ["missing", "count_up"]),
-        (own(params={"stride": 1.0, "scale": 1.0, "strid": 2.0}), "commands.t.params.strid", ["'stride'"]),
-        (own(params={"stride": 1.0}, metrics={"m": no_number}), "commands.t.m.func", ["bool", "-> float"]),
-        (UniformNoiseCfg(), "commands.t", ["UniformNoiseCfg", "CommandTermCfg"]),
-    ],
-)
-def test_problems_say_where_and_what_would_be_right(term, start, parts):
-    context = manager_context(2)
-    manager = CommandManager({"t": term}, context)
-    manager.compute_items()
-    manager.reset_items()
-    assert len(context.problems) == 1, context.problems
-    assert context.problems[0].startswith(f"{start}:")
-    for part in parts:
-        assert part in context.problems[0]
-
-
-@pytest.mark.parametrize(
-    ("cfg", "field"),
-    [
-        (velocity(resampling_time_range=(0.0, 1.0)), "resampling_time_range"),
-        (velocity(resampling_time_range=(2.0, 1.0)), "resampling_time_range"),
-        (velocity(rel_standing_envs=1.5), "rel_standing_envs"),
-        (velocity(ranges=velocity().ranges.replace(heading=None)), "ranges.heading"),
-        (velocity().ranges.replace(lin_vel_x=(1.0, -1.0)), "lin_vel_x"),
-        (pose().ranges.replace(yaw=(0.0, INF)), "yaw"),
-        (normal_velocity().ranges.replace(zero_prob=(0.0, 0.0, 2.0)), "zero_prob"),
-        (normal_velocity().ranges.replace(std_vel=(0.0, -1.0, 0.0)), "std_vel"),
-    ],
-)
-def test_config_refuses_numbers_that_make_no_sense(cfg, field):
-    with pytest.raises(ConfigError) as caught:
-        cfg.validate()
-    assert [line.partition(":")[0] for line in caught.value.problems] == [field]
 
 
 @pytest.mark.parametrize("cfg", [c for c, *_ in CASES.values()])

@@ -14,9 +14,7 @@ from stripe_kernels import mdp
 from stripe_kernels.data import ArticulationData
 from stripe_kernels.mdp import random
 from stripe_newton.assets import RigidObjectCfg
-from stripe_newton.configclass import ConfigError, configclass
-from stripe_newton.envs.events import EventRunner
-from stripe_newton.envs.events import EventTermCfg as FromEnvs
+from stripe_newton.configclass import configclass
 from stripe_newton.fusion import HostFunction
 from stripe_newton.managers import EventManager, EventTermCfg, SceneEntityCfg, TermState, prestartup_events
 from stripe_newton.sim import CuboidCfg, MassPropertiesCfg, RigidBodyPropertiesCfg
@@ -447,42 +445,6 @@ def test_the_table_says_when_terms_run():
     assert "torch_all interval every 0.05 to 0.2 s, one clock for all torch" in lines
     assert "spaced reset after 7 steps at the earliest Warp" in lines
     assert "always step Warp" in lines
-
-
-# -- direct environments
-
-
-class FakeEnv:
-    scene: dict[str, Any] = {}
-    num_envs, device, step_dt, common_step_counter = 3, "cpu", 0.02, 0
-
-
-def test_there_is_one_config_class():
-    assert FromEnvs is EventTermCfg
-
-
-def test_direct_environments_refuse_what_they_cannot_run():
-    terms = {"early": Calls().term("early", mode="prestartup"), "other": 1}
-    with pytest.raises(ConfigError) as caught:
-        EventRunner(terms, FakeEnv())
-    assert len(caught.value.problems) == 2
-    assert "events.other: is int, must be EventTermCfg or None" in str(caught.value)
-    assert "events.early.mode: is 'prestartup', in a direct environment it must be one of startup" in str(caught.value)
-
-
-def test_direct_environments_run_terms_of_every_step_and_count_whole_steps():
-    seen: dict[str, list[int]] = {"always": [], "long": []}
-    term = {"func": lambda env, ids, key: seen[key].append(len(ids))}
-    terms = {
-        "always": EventTermCfg(mode="step", params={"key": "always"}, **term),
-        "long": EventTermCfg(mode="interval", interval_range_s=(5.0, 5.0), params={"key": "long"}, **term),
-    }
-    runner = EventRunner(terms, FakeEnv())
-    assert runner.has_intervals
-    assert all(runner.interval(0.02) for _ in range(249))
-    assert seen["long"] == []
-    runner.interval(0.02)
-    assert seen == {"always": [3] * 250, "long": [3]}
 
 
 def test_torch_events_get_their_joints_as_indices():

@@ -12,7 +12,7 @@ import torch
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from stripe_kernels.mdp import motion as mdp_motion
+from stripe_kernels.mdp import motion_command
 from stripe_kernels.motion import MotionCommandData, accumulate_probabilities, average_failures
 from stripe_newton.configclass import ConfigError, configclass
 from stripe_newton.envs import ManagerBasedRLEnv, ManagerBasedRLEnvCfg, mdp
@@ -342,7 +342,7 @@ def test_frames_are_drawn_by_the_weights_of_their_bins():
 @wp.kernel(enable_backward=False)
 def draw_frames(motion: MotionCommandData, rng: wp.array[wp.uint32], drawn: wp.array[int]):
     env = wp.tid()
-    drawn[env] = mdp_motion._draw_frame(env, motion, rng, 0)
+    drawn[env] = motion_command._draw_frame(env, motion, rng, 0)
 
 
 def test_probabilities_of_many_bins_are_those_of_numpy():

@@ -72,3 +72,22 @@ def test_a_hull_with_fewer_corners_has_a_row(tmp_path: Path) -> None:
     ours = SolverMuJoCo(builder.finalize(device="cpu"), use_mujoco_cpu=True).mj_model
     theirs = mujoco.MjModel.from_xml_path(str(path))
     assert ours.mesh_graph[ours.mesh_graphadr[0]] == theirs.mesh_graph[theirs.mesh_graphadr[0]]
+
+
+WEDGE = "0 0 0  0.3 0 0  0 0.1 0  0 0 0.1"
+CUBE = "0 0 0  1 0 0  0 1 0  1 1 0  0 0 1  1 0 1  0 1 1  1 1 1"
+
+
+@pytest.mark.parametrize(("vertices", "bodies"), [(WEDGE, 2), (WEDGE, 1), (CUBE, 2)])
+def test_meshes_about_another_point_have_a_row(vertices: str, bodies: int, tmp_path: Path) -> None:
+    """Where two of them can be deep in each other: the search for their contacts starts at these points."""
+    path = tmp_path / "robot.xml"
+    parts = [f'<body pos="0 0 {k}"><freejoint/><geom type="mesh" mesh="part"/></body>' for k in range(bodies)]
+    asset = f'<asset><mesh name="part" vertex="{vertices}"/></asset>'
+    path.write_text(f"<mujoco>{asset}<worldbody>{''.join(parts)}</worldbody></mujoco>")
+    builder, report = import_file(path)
+    ours = SolverMuJoCo(builder.finalize(device="cpu"), use_mujoco_cpu=True).mj_model
+    apart = not np.allclose(ours.geom_pos, mujoco.MjModel.from_xml_path(str(path)).geom_pos, atol=1e-4)
+    assert apart == (vertices == WEDGE)
+    rows = [row[0] for row in report.ignored if row[1] == "centre of the mesh"]
+    assert rows == (["part"] if apart and bodies > 1 else [])

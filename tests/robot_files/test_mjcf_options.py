@@ -52,13 +52,25 @@ def test_a_medium_acts_along_the_file_s_axes(geom: str, tmp_path: Path) -> None:
     scene.close()
 
 
+@pytest.mark.parametrize(("option", "size"), [(MEDIUM, ".1 .1 .1"), (MEDIUM, ".1 .2 .3"), ("", ".1 .1 .1")])
+def test_moments_set_apart_have_a_row(option: str, size: str, tmp_path: Path) -> None:
+    path = tmp_path / "robot.xml"
+    body = f'<body name="box"><freejoint/><geom type="box" size="{size}"/></body>'
+    path.write_text(f"<mujoco>{option}<worldbody>{body}</worldbody></mujoco>")
+    report = inspect_robot_file(path)
+    expected = np.sort(mujoco.MjModel.from_xml_path(str(path)).body_inertia[1])
+    changed = not np.allclose(np.sort(report.bodies[0].inertia), expected, rtol=1e-6)
+    assert changed == (bool(option) and size == ".1 .1 .1")
+    assert [row[0] for row in report.ignored if row[1] == "inertia"] == (["box"] if changed else [])
+
+
 def test_rows_of_options(tmp_path: Path) -> None:
     path = tmp_path / "robot.xml"
     joint = '<joint type="slide" damping="1e11"/><geom size="0.1"/>'
     option = '<option noslip_iterations="3" density="1000"/>'
     path.write_text(f"<mujoco>{option}<worldbody><body>{joint}</body></worldbody></mujoco>")
     rows = {what.partition(" ")[0]: why for _, what, why in inspect_robot_file(path).ignored}
-    assert rows.keys() == {"timestep", "integrator", "noslip_iterations", "inverse"}
+    assert rows.keys() == {"timestep", "integrator", "noslip_iterations", "inverse", "inertia"}
     assert rows["noslip_iterations"].startswith("not read")
 
 

@@ -116,6 +116,10 @@ REFUSED = {
     ),
     "unknown type": (ARM.replace('"revolute"', '"screw"'), "joint 'elbow': is of type 'screw', must be revolute"),
     "unknown child": (ARM.replace('child link="tip"', 'child link="top"'), "'elbow': its child 'top' is no link of"),
+    "a world that is not there": (
+        ARM + '<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint>',
+        "robot.urdf': joint 'weld': its parent 'world' is no link of the file; add <link name=\"world\"/>",
+    ),
     "two parents": (
         ARM + '<joint name="weld" type="fixed"><parent link="base"/><child link="tip"/></joint>',
         "link 'tip': is the child of joints 'elbow', 'weld', must be that of one: URDF has no loops",
@@ -322,6 +326,7 @@ def test_limits_of_a_continuous_joint_are_left_out(tmp_path):
         (ARM.replace("0 1 0", "0 2 0"), ("elbow", "axis")),
         (link("", '<collision><geometry><sphere radius="1"/></geometry></collision>'), ("base", "no <inertial>")),
         (link(BODY.replace('ixx=".1"', 'ixx=".9"')), ("base", "inertia")),
+        (ARM + '<material name="grey"><color rgba="0.5, 0.5, 0.5, 1"/></material>', ("grey", "<color>")),
     ],
 )
 def test_what_is_odd_has_a_row(tmp_path, content, row):

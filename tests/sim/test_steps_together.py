@@ -13,7 +13,7 @@ import warp as wp
 from stripe_newton.actuators import DCMotorCfg, DelayedPDActuatorCfg
 from stripe_newton.assets import AssetBaseCfg
 from stripe_newton.scene import InteractiveScene
-from stripe_newton.sim import GroundPlaneCfg, MuJoCoSolverCfg, solver_cfg
+from stripe_newton.sim import GroundPlaneCfg, MuJoCoSolverCfg, mujoco_solver_cfg
 from stripe_newton.sim.physics_step import PhysicsStep
 from stripe_newton.solvers.step_kernel import StepKernel
 from stripe_newton.solvers.support import why_slower
@@ -69,7 +69,7 @@ def test_large_models_are_left_to_mujoco_warp_on_a_gpu_unless_asked_for(tmp_path
     assert not why_slower(40, is_cuda=True)
     assert not why_slower(64, is_cuda=False)
     asked = []
-    monkeypatch.setattr(solver_cfg, "why_slower", lambda *given: asked.append(given) or "it is large")
+    monkeypatch.setattr(mujoco_solver_cfg, "why_slower", lambda *given: asked.append(given) or "it is large")
     ways = {f: actuator_scene(tmp_path, sim=sim_cfg(solver=MuJoCoSolverCfg(fused=f))) for f in (None, True)}
     assert ways[None].sim.describe_solver().endswith("does not support the model: it is large")
     assert ways[True].sim.describe_solver().startswith("the fused step")

@@ -149,7 +149,7 @@ def test_newton_finds_contacts_of_very_many(tmp_path: Path, monkeypatch: pytest.
     write_floor(tmp_path / "floor.usda", "Sphere", mesh_moves=True)
     with_geoms, other = path_of(tmp_path / "floor.usda", 480)
     monkeypatch.setattr(stand_ins, "MOST_GEOMS", 100)
-    monkeypatch.setattr("stripe_newton.sim.solver_cfg.MOST_GEOMS", 100)
+    monkeypatch.setattr("stripe_newton.sim.mujoco_solver_cfg.MOST_GEOMS", 100)
     path, scene = path_of(tmp_path / "floor.usda", 480)
     assert other.sim.pipeline is None
     assert scene.sim.pipeline is not None

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import stripe_tasks  # noqa: F401
-from stripe_newton.cli.tasks import load_cfg
+from tests.helpers.small_tasks import small_cfg
 
 TASK = "Stripe-Cartpole-Camera-Direct-v0"
 N = 3
@@ -16,9 +16,7 @@ N = 3
 
 @pytest.fixture(scope="module")
 def env():
-    cfg = load_cfg(TASK, "env")
-    cfg.sim.device, cfg.scene.num_envs, cfg.seed = "cpu", N, 1
-    made = gymnasium.make_vec(TASK, cfg=cfg)
+    made = gymnasium.make_vec(TASK, cfg=small_cfg(TASK, N))
     yield made
     made.close()
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import stripe_tasks  # noqa: F401
 from stripe_newton.cli.tasks import load_cfg
+from tests.helpers.small_tasks import small_cfg
 
 ROUGH, FOREST = "Stripe-Velocity-Rough-Quadruped-Depth-v0", "Stripe-Forest-Walk-Quadruped-Depth-v0"
 
@@ -31,8 +32,7 @@ def test_the_teacher_observes_what_the_task_without_depth_does(task):
 
 
 def test_the_picture_shows_the_ground():
-    cfg = load_cfg(ROUGH, "env")
-    cfg.sim.device, cfg.scene.num_envs, cfg.seed = "cpu", 4, 3
+    cfg = small_cfg(ROUGH, seed=3)
     terrain = cfg.scene.terrain.terrain_generator
     terrain.num_rows, terrain.num_cols, terrain.border_width = 3, 3, 4.0
     cfg.scene.terrain.max_init_terrain_level = 2
@@ -74,9 +74,7 @@ def test_the_picture_shows_the_ground():
 @pytest.mark.slow
 @pytest.mark.parametrize("task", [FOREST, FOREST.replace("-v0", "-Play-v0")])
 def test_the_camera_sees_the_forest(task):
-    cfg = load_cfg(task, "env")
-    cfg.sim.device, cfg.scene.num_envs, cfg.seed = "cpu", 16, 1
-    env = gymnasium.make_vec(task, cfg=cfg)
+    env = gymnasium.make_vec(task, cfg=small_cfg(task, 16))
     obs, _ = env.reset(seed=1)
     for _ in range(5):
         obs, *_ = env.step(torch.zeros(16, 12))

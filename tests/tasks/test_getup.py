@@ -12,7 +12,6 @@ import torch
 from scipy.spatial.transform import Rotation
 
 import stripe_tasks  # noqa: F401
-from stripe_newton.configclass import resolve_name
 from stripe_newton.envs import ManagerBasedRLEnvCfg, mdp
 from stripe_newton.managers import (
     EventTermCfg,
@@ -28,6 +27,7 @@ from stripe_tasks.robot_scene import RobotSceneCfg
 from stripe_tasks.robots import QUADRUPED_CFG
 from stripe_tasks.success import SuccessEnv, SuccessManagerCfg
 from tests.helpers.robot_files import robot_file
+from tests.helpers.small_tasks import small_cfg
 
 BOUNDS = {"least_height": 0.2, "largest_tilt": math.radians(20.0)}
 FORCE = 30.0
@@ -128,9 +128,7 @@ def test_an_episode_that_is_too_short_to_get_up_in_changes_nothing(lifted):
 def test_rewards_of_the_g1_grow_from_lying_to_standing():
     robot_file("g1")
     task = "Stripe-Getup-Flat-G1-v0"
-    cfg = resolve_name(gymnasium.spec(task).kwargs["env_cfg_entry_point"])()
-    cfg.sim.device, cfg.scene.num_envs, cfg.seed = "cpu", len(POSES), 0
-    env = gymnasium.make_vec(task, cfg=cfg)
+    env = gymnasium.make_vec(task, cfg=small_cfg(task, len(POSES), seed=0))
     env.reset(seed=0)
     robot = env.scene["robot"]
     pose, joints = robot.data.default_root_state[:, :7].clone(), robot.data.default_joint_pos.clone()

@@ -11,19 +11,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import stripe_tasks  # noqa: F401
-from stripe_newton.cli.tasks import load_cfg
 from stripe_tasks.manipulation.cabinet_model import HANDLE
 from tests.helpers.panda_arm import DOWN, PandaArm
 from tests.helpers.robot_files import robot_file
+from tests.helpers.small_tasks import small_cfg
 
 pytestmark = pytest.mark.slow
 N = 4
 
 
 def make(task: str) -> Any:
-    cfg = load_cfg(task, "env")
-    cfg.sim.device, cfg.scene.num_envs, cfg.seed = "cpu", N, 4
-    env = gymnasium.make_vec(task, cfg=cfg)
+    env = gymnasium.make_vec(task, cfg=small_cfg(task, N, seed=4))
     env.reset(seed=1)
     return env
 

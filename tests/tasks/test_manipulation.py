@@ -12,20 +12,18 @@ import torch
 from scipy.spatial.transform import Rotation
 
 import stripe_tasks  # noqa: F401
-from stripe_newton.configclass import resolve_name
 from stripe_newton.scene import InteractiveScene, InteractiveSceneCfg
 from stripe_newton.sim import Simulation, SimulationCfg
 from stripe_tasks.manipulation.cabinet_model import CABINET_CFG, DEPTH, HANDLE, HEIGHT, TRAVEL
 from tests.helpers.robot_files import robot_file
+from tests.helpers.small_tasks import small_cfg
 
 N = 4
 POINT, TIP = np.array([0.0, 0.0, 0.1034]), np.array([0.0, 0.0, 0.046])
 
 
 def make(task: str) -> Any:
-    cfg = resolve_name(gymnasium.spec(task).kwargs["env_cfg_entry_point"])()
-    cfg.sim.device, cfg.scene.num_envs, cfg.seed = "cpu", N, 4
-    env = gymnasium.make_vec(task, cfg=cfg)
+    env = gymnasium.make_vec(task, cfg=small_cfg(task, N, seed=4))
     env.reset(seed=0)
     return env
 

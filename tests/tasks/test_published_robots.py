@@ -18,6 +18,7 @@ from stripe_newton.configclass import resolve_name
 from stripe_tasks import published_robots
 from tests.helpers.motion_files import write_motion
 from tests.helpers.robot_files import robot_file
+from tests.helpers.small_tasks import small_cfg
 
 N = 4
 WALKERS = {
@@ -31,11 +32,7 @@ ONE_LAUNCH = "all physics steps of a step in one launch"
 
 
 def config(task: str, **changes: Any) -> Any:
-    cfg = resolve_name(gymnasium.spec(task).kwargs["env_cfg_entry_point"])()
-    cfg.sim.device, cfg.scene.num_envs, cfg.seed = "cpu", N, 4
-    if "Rough" in task:
-        tiles = cfg.scene.terrain.terrain_generator
-        tiles.num_rows, tiles.num_cols, tiles.border_width = 3, 6, 4.0
+    cfg = small_cfg(task, N, seed=4)
     for name, value in changes.items():
         setattr(cfg, name, value)
     return cfg

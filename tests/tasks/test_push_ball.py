@@ -18,21 +18,16 @@ from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper
 from stripe_tasks.push_ball.terms import robot_velocity_toward_push
 from tests.helpers.small_scenes import numpy
+from tests.helpers.small_tasks import small_cfg
 
 TASK = "Stripe-PushBall-Ant-v0"
 N = 4
 RADIUS, REACHED, BEHIND = 0.25, 0.35, 0.5
 
 
-def config(num_envs: int = N):
-    cfg = load_cfg(TASK, "env")
-    cfg.sim.device, cfg.scene.num_envs, cfg.seed = "cpu", num_envs, 1
-    return cfg
-
-
 @pytest.fixture(scope="module")
 def shared():
-    return gymnasium.make_vec(TASK, cfg=config())
+    return gymnasium.make_vec(TASK, cfg=small_cfg(TASK))
 
 
 @pytest.fixture
@@ -218,4 +213,4 @@ def test_no_part_of_a_step_needs_the_host(env):
 def test_rsl_rl_trains_it(tmp_path):
     agent = load_cfg(TASK, "agent")
     agent.num_steps_per_env = 8
-    assert OnPolicyRunner(RslRlVecEnvWrapper(make_env(TASK, config(8))), agent, tmp_path / "run").learn(2)
+    assert OnPolicyRunner(RslRlVecEnvWrapper(make_env(TASK, small_cfg(TASK, 8))), agent, tmp_path / "run").learn(2)

@@ -15,6 +15,7 @@ import stripe_tasks  # noqa: F401
 from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.rl import OnPolicyRunner, RandomPolicy, RslRlVecEnvWrapper, ZeroPolicy, evaluate
 from tests.helpers.small_scenes import numpy
+from tests.helpers.small_tasks import small_cfg
 
 TASK = "Stripe-Quadcopter-Direct-v0"
 N = 4
@@ -23,15 +24,9 @@ HOVER = 2.0 / 1.9 - 1.0
 """Action whose thrust is the weight."""
 
 
-def config(num_envs: int = N):
-    cfg = load_cfg(TASK, "env")
-    cfg.sim.device, cfg.scene.num_envs, cfg.seed = "cpu", num_envs, 1
-    return cfg
-
-
 @pytest.fixture(scope="module")
 def shared():
-    return gymnasium.make_vec(TASK, cfg=config())
+    return gymnasium.make_vec(TASK, cfg=small_cfg(TASK))
 
 
 @pytest.fixture
@@ -185,7 +180,7 @@ def test_goals_and_their_markers(env):
 
 
 def test_what_it_does_does_not_depend_on_the_number_of_environments(env):
-    fewer = make_env(TASK, config(2))
+    fewer = make_env(TASK, small_cfg(TASK, 2))
     fewer.reset(seed=1)
     for k in range(4):
         action = torch.full((N, 4), 0.1 * k)
@@ -197,7 +192,7 @@ def test_state_goes_on_where_it_stopped(env):
     fly(env, 0.2, (0.01, 0.0, 0.02))
     state = env.get_state()
     expected = [fly(env, 0.1, (0.0, 0.01, 0.0))[0]["policy"] for _ in range(3)]
-    other = make_env(TASK, config())
+    other = make_env(TASK, small_cfg(TASK))
     other.set_state(state)
     for values in expected:
         assert torch.equal(fly(other, 0.1, (0.0, 0.01, 0.0))[0]["policy"], values)
@@ -213,13 +208,13 @@ def test_no_part_of_a_step_needs_the_host(env):
 def test_rsl_rl_trains_it(tmp_path):
     agent = load_cfg(TASK, "agent")
     agent.num_steps_per_env = 8
-    assert OnPolicyRunner(RslRlVecEnvWrapper(make_env(TASK, config(8))), agent, tmp_path / "run").learn(2)
+    assert OnPolicyRunner(RslRlVecEnvWrapper(make_env(TASK, small_cfg(TASK, 8))), agent, tmp_path / "run").learn(2)
 
 
 @pytest.mark.slow
 def test_it_learns_to_fly_to_the_goal():
     torch.manual_seed(1)
-    env = RslRlVecEnvWrapper(make_env(TASK, config(256)))
+    env = RslRlVecEnvWrapper(make_env(TASK, small_cfg(TASK, 256)))
     agent = load_cfg(TASK, "agent")
     before = max(evaluate(env, policy, 256, seed=1).mean_return for policy in (RandomPolicy(env), ZeroPolicy(env)))
     runner = OnPolicyRunner(env, agent, None)

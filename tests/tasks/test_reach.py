@@ -18,6 +18,7 @@ from stripe_newton.cli.tasks import load_cfg, make_env
 from stripe_newton.rl import OnPolicyRunner, RslRlVecEnvWrapper, ZeroPolicy, evaluate
 from tests.helpers.checkout import ROOT, TOOLS
 from tests.helpers.small_scenes import numpy
+from tests.helpers.small_tasks import small_cfg
 
 TASK = "Stripe-Reach-v0"
 N = 4
@@ -26,15 +27,9 @@ UR5E = [(0.0, 0.1625, 90), (-0.425, 0.0, 0), (-0.3922, 0.0, 0), (0.0, 0.1333, 90
 """Denavit-Hartenberg parameters of the UR5e: a, d [m], alpha [deg]."""
 
 
-def config(num_envs: int = N):
-    cfg = load_cfg(TASK, "env")
-    cfg.sim.device, cfg.scene.num_envs, cfg.seed = "cpu", num_envs, 1
-    return cfg
-
-
 @pytest.fixture(scope="module")
 def shared():
-    return gymnasium.make_vec(TASK, cfg=config())
+    return gymnasium.make_vec(TASK, cfg=small_cfg(TASK))
 
 
 @pytest.fixture
@@ -209,13 +204,13 @@ def test_no_part_of_a_step_needs_the_host(env):
 def test_rsl_rl_trains_it(tmp_path):
     agent = load_cfg(TASK, "agent")
     agent.num_steps_per_env = 8
-    assert OnPolicyRunner(RslRlVecEnvWrapper(make_env(TASK, config(8))), agent, tmp_path / "run").learn(2)
+    assert OnPolicyRunner(RslRlVecEnvWrapper(make_env(TASK, small_cfg(TASK, 8))), agent, tmp_path / "run").learn(2)
 
 
 @pytest.mark.slow
 def test_it_learns_to_reach():
     torch.manual_seed(1)
-    env = RslRlVecEnvWrapper(make_env(TASK, config(256)))
+    env = RslRlVecEnvWrapper(make_env(TASK, small_cfg(TASK, 256)))
     agent = load_cfg(TASK, "agent")
     before = evaluate(env, ZeroPolicy(env), 256, seed=1)
     runner = OnPolicyRunner(env, agent, None)

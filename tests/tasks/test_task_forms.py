@@ -18,6 +18,7 @@ from stripe_kernels.data import ActionData, EpisodeData
 from stripe_newton.configclass import resolve_name
 from stripe_tasks.cartpole import direct_warp as cartpole_warp
 from stripe_tasks.locomotion import direct_warp as locomotion_warp
+from tests.helpers.small_tasks import small_cfg
 
 N = 16
 FORMS = {"torch": "Stripe-{}-Direct-v0", "warp": "Stripe-{}-Direct-Warp-v0", "manager": "Stripe-{}-v0"}
@@ -41,9 +42,7 @@ class State:
 
 
 def make(task: str, num_envs: int = N) -> Any:
-    cfg = resolve_name(gymnasium.spec(task).kwargs["env_cfg_entry_point"])()
-    cfg.sim.device, cfg.scene.num_envs = "cpu", num_envs
-    return gymnasium.make_vec(task, cfg=cfg)
+    return gymnasium.make_vec(task, cfg=small_cfg(task, num_envs, seed=None))
 
 
 @pytest.fixture(scope="module")

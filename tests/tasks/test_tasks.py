@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 import stripe_tasks  # noqa: F401
 from stripe_newton.configclass import resolve_name
 from tests.helpers.small_scenes import numpy
+from tests.helpers.small_tasks import small_cfg
 
 IDS = [
     "Stripe-Ant-Direct-v0",
@@ -26,9 +27,7 @@ N = 4
 
 
 def make(task: str):
-    cfg = resolve_name(gymnasium.spec(task).kwargs["env_cfg_entry_point"])()
-    cfg.sim.device, cfg.scene.num_envs = "cpu", N
-    return gymnasium.make_vec(task, cfg=cfg)
+    return gymnasium.make_vec(task, cfg=small_cfg(task, N, seed=None))
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import warp as wp
 
 import stripe_tasks  # noqa: F401
 from stripe_kernels.data import VelocityCommandData
-from stripe_newton.configclass import resolve_name
+from tests.helpers.small_tasks import small_cfg
 
 N = 8
 SIZES = {"Quadruped": (48, 12), "Humanoid": (75, 21)}
@@ -21,12 +21,7 @@ ROBOTS = list(SIZES)
 
 
 def config(task: str, num_envs: int = N) -> Any:
-    cfg = resolve_name(gymnasium.spec(task).kwargs["env_cfg_entry_point"])()
-    cfg.sim.device, cfg.scene.num_envs, cfg.seed = "cpu", num_envs, 4
-    if "Rough" in task:
-        tiles = cfg.scene.terrain.terrain_generator
-        tiles.num_rows, tiles.num_cols, tiles.border_width = 3, 6, 4.0
-    return cfg
+    return small_cfg(task, num_envs, seed=4)
 
 
 def make(task: str, cfg: Any = None) -> Any:

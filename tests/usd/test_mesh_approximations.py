@@ -2,7 +2,9 @@
 """Approximations of meshes: spheres at rest in a room, on a table and on stairs, whatever is authored."""
 
 import importlib.util
+import time
 from collections.abc import Sequence
+from pathlib import Path
 
 import newton
 import numpy as np
@@ -12,7 +14,7 @@ from pxr import Gf, Usd, UsdGeom, UsdPhysics, Vt
 
 from stripe_newton.scene import InteractiveScene
 from stripe_newton.sim import SimulationCfg
-from stripe_newton.usd import load_stage
+from stripe_newton.usd import load_stage, mesh_approximations
 from tests.helpers.usd_stages import add_body, new_stage
 
 RADIUS = 0.08
@@ -84,6 +86,29 @@ def test_a_mesh_that_moves_is_decomposed() -> None:
     report = load_stage(builder, stage_with_a_table_that_moves("convexDecomposition"))
     assert sum(bool(shape.collides) for shape in report.shapes) == 5  # the top and four legs
     assert not [row for row in report.ignored if row[1].startswith(("approximation", "concave"))]
+
+
+def test_convex_parts_are_kept_and_told_where_they_take_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    coacd = pytest.importorskip("coacd")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    split, calls = coacd.run_coacd, []
+
+    def slow(*args: object, **options: object) -> object:
+        calls.append(args)
+        time.sleep(0.3)
+        return split(*args, **options)
+
+    monkeypatch.setattr(coacd, "run_coacd", slow)
+    monkeypatch.setattr(mesh_approximations, "_LONG", 0.1)
+    for again in (False, True):
+        report = load_stage(newton.ModelBuilder(), stage_with_a_table_that_moves("convexDecomposition"))
+        assert sum(bool(shape.collides) for shape in report.shapes) == 5
+        told = capfd.readouterr().err
+        assert again or f"the parts are kept in {tmp_path}/stripe-newton/convex for the next time" in told
+    assert len(calls) == 5  # of the first time: the table is made of five boxes
+    assert newton.config.cache_dir_meshes is None
 
 
 def test_without_coacd_its_hull_collides_and_a_row_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

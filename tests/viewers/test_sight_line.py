@@ -98,15 +98,32 @@ def _room(walls: str) -> InteractiveScene:
     return InteractiveScene.from_usd(usda(boxes + ball), sim_cfg=SimulationCfg(device="cpu"))
 
 
+def _share_of_red(picture: np.ndarray) -> float:
+    red, green = picture[..., 0].astype(int), picture[..., 1].astype(int)
+    return float(((red > 100) & (red > 2 * green)).mean())
+
+
 @pytest.mark.parametrize("walls", ["", "x -y", "x -x y -y"], ids=["without walls", "a corner", "closed"])
 def test_a_camera_that_follows_sees_its_body_in_a_room(walls):
     """It turns to a free side, and in a closed room it comes in front of the wall."""
     scene = _room(walls)
     renderer = SceneRenderer(scene.sim, ViewerCfg(resolution=(64, 48)))
-    picture = renderer.render().astype(int)
-    red = (picture[..., 0] > 100) & (picture[..., 0] > 2 * picture[..., 1])
-    assert red.mean() > 0.02
+    assert _share_of_red(renderer.render()) > 0.02
     eye, target = renderer._seen_from
     away = np.linalg.norm(eye - target) / np.linalg.norm(renderer.eye - renderer.target)
     assert (away < 0.99) == (walls == "x -x y -y")
+    scene.close()
+
+
+@pytest.mark.parametrize("walls", ["x -y", "x -x y -y"], ids=["a corner", "closed"])
+def test_a_camera_of_a_config_sees_the_body_that_it_follows(walls):
+    """Also where an episode begins beside other walls than those of the first one."""
+    scene = _room(walls)
+    scene.sim.state.body_q.assign(np.array([[3.0, 3.0, 0.2, 0.0, 0.0, 0.0, 1.0]], dtype=np.float32))
+    cfg = ViewerCfg(resolution=(64, 48), origin_type="asset_root", eye=(1.5, -1.5, 0.6), lookat=(0.0, 0.0, 0.0))
+    renderer = SceneRenderer(scene.sim, cfg)
+    assert _share_of_red(renderer.render()) > 0.02
+    np.testing.assert_allclose(renderer.eye, (4.5, 1.5, 0.8), atol=1e-6)
+    scene.sim.state.body_q.assign(np.array([[0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0]], dtype=np.float32))
+    assert _share_of_red(renderer.render()) > 0.02
     scene.close()

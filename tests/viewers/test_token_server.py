@@ -4,8 +4,11 @@
 from __future__ import annotations
 
 import http.client
+import os
+import select
 import socket
 import threading
+import time
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
@@ -81,3 +84,26 @@ def test_only_the_token_opens_it(target):
 def test_an_address_that_this_machine_lacks_is_an_error():
     with pytest.raises(OSError):
         TokenServer("192.0.2.1", 18500, 1)
+
+
+def test_clients_that_send_nothing_take_few_files_and_end_without_a_word(target, capfd):
+    port, _ = target
+    server, clients = TokenServer("127.0.0.1", 18700, port), []
+    before = len(os.listdir("/proc/self/fd"))
+    try:
+        for _ in range(300):
+            client = socket.create_connection(("127.0.0.1", server.port), timeout=10)
+            client.sendall(b"GET ")
+            clients.append(client)
+        # The server ends those beyond its bound, whose end of the connection then reads as empty.
+        ended = 0
+        deadline = time.monotonic() + 30.0
+        while ended < 300 - 64 and time.monotonic() < deadline:
+            ended = sum(bool(select.select([client], [], [], 0)[0]) for client in clients)
+        assert ended >= 300 - 64
+        assert len(os.listdir("/proc/self/fd")) - before - len(clients) <= 80
+    finally:
+        server.close()
+        for client in clients:
+            client.close()
+    assert capfd.readouterr().err == ""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Viewers: pictures, cameras, videos and the live page."""
+"""Viewers: what pictures show, their light and floor, and the live page."""
 
 from __future__ import annotations
 
@@ -14,34 +14,12 @@ import pytest
 import warp as wp
 
 from stripe_newton.configclass import ConfigError
-from stripe_newton.viewers import LiveViewer, SceneRenderer, VideoWriter, ViewerCfg, save_image, tracer
-from stripe_newton.viewers.camera_framing import Follower, camera_axes, frame_points
+from stripe_newton.viewers import LiveViewer, SceneRenderer, ViewerCfg, tracer
 from tests.helpers.forked import run_forked
-from tests.helpers.viewed_scenes import light, sim_of
+from tests.helpers.viewed_scenes import SMALL, box, light, move, red_pixels, sim_of
 
 ASSETS = Path(newton.__file__).parent / "examples" / "assets"
-SMALL = (96, 64)
 DEVICES = ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)]
-
-
-def box(color=(0.9, 0.05, 0.05), position=(0.0, 0.0, 0.5), half=0.15):
-    template = newton.ModelBuilder()
-    body = template.add_body(xform=wp.transform(wp.vec3(*position), wp.quat_identity()), label="/World/Crate/base")
-    template.add_shape_box(body, hx=half, hy=half, hz=half, color=color)
-    return template
-
-
-def move(sim, env, offset):
-    count = sim.template.body_count
-    poses = sim.state.body_q.numpy()
-    poses[env * count : (env + 1) * count, :3] += offset
-    sim.state.body_q.assign(poses)
-
-
-def red_pixels(frame):
-    """Row and column of the pixels that are clearly red, shape (n, 2)."""
-    r, g, b = (frame[..., i].astype(int) for i in range(3))
-    return np.argwhere((r > 90) & (r > 2 * g) & (r > 2 * b))
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -74,106 +52,6 @@ def test_a_floor_under_a_low_sun_has_no_stripes():
     picture = SceneRenderer(sim, ViewerCfg(resolution=(320, 180), fog=0.0), range(5)).render().astype(int)
     near = picture[-50:]  # in front of the boxes, whose shadows fall behind them
     assert max(np.abs(np.diff(near, axis=axis)).max() for axis in (0, 1)) <= 1
-
-
-def test_an_object_off_the_middle_projects_to_the_expected_pixel():
-    sim = sim_of(box(position=(0.0, 0.4, 0.8), half=0.05))
-    cfg = ViewerCfg(eye=(3.0, 0.0, 0.5), lookat=(0.0, 0.0, 0.5), resolution=SMALL, fov=40.0, shadows=False)
-    row, column = red_pixels(SceneRenderer(sim, cfg).render()).mean(axis=0) + 0.5
-    pixels_per_tangent = SMALL[1] / 2 / math.tan(math.radians(20))
-    assert column == pytest.approx(SMALL[0] / 2 + 0.4 / 2.97 * pixels_per_tangent, abs=1.2)  # +Y is right, seen from +X
-    assert row == pytest.approx(SMALL[1] / 2 - 0.3 / 2.97 * pixels_per_tangent, abs=1.2)
-
-
-def test_automatic_framing_shows_the_whole_of_each_environment():
-    sim = sim_of(box(), num_envs=3)
-    for env_ids in ([0], [2], [0, 1, 2]):
-        red = red_pixels(SceneRenderer(sim, ViewerCfg(resolution=SMALL), env_ids).render())
-        assert len(red) > 20
-        assert red.min() > 0
-        assert (red.max(axis=0) < np.array(SMALL[::-1]) - 1).all()
-
-
-def test_framing_fits_points_and_centres_them():
-    points = np.random.default_rng(0).uniform(-1, 1, (50, 3)) * (1.0, 3.0, 0.5) + (4.0, -2.0, 1.0)
-    fov, aspect, margin = math.radians(40), 16 / 9, 1.2
-    eye, target = frame_points(points, 0.4, 0.3, fov, aspect, margin)
-    seen = (points - eye) @ camera_axes(eye, target)
-    x = seen[:, 0] / -seen[:, 2] / (math.tan(fov / 2) * aspect)
-    y = seen[:, 1] / -seen[:, 2] / math.tan(fov / 2)
-    assert max(np.abs(x).max(), np.abs(y).max()) == pytest.approx(1 / margin, rel=0.03)
-    assert abs(x.max() + x.min()) < 0.05
-    assert abs(y.max() + y.min()) < 0.05
-
-
-@pytest.mark.parametrize("cfg", [ViewerCfg(), ViewerCfg(eye=(2, -2, 1), lookat=(0, 0, 0), origin_type="asset_root")])
-def test_the_camera_keeps_a_robot_that_walks_away_in_the_middle(cfg):
-    sim = sim_of(box())
-    renderer = SceneRenderer(sim, cfg.replace(resolution=SMALL))
-    start = red_pixels(renderer.render()).mean(axis=0)
-    for _ in range(60):
-        move(sim, 0, (0.05, 0.02, 0.0))
-        frame = renderer.render()
-    np.testing.assert_allclose(red_pixels(frame).mean(axis=0), start, atol=2.0)
-
-
-def test_a_robot_that_was_moved_before_the_first_picture_is_in_it():
-    sim = sim_of(box())
-    renderer = SceneRenderer(sim, ViewerCfg(resolution=SMALL))
-    move(sim, 0, (7.0, -4.0, 0.0))
-    np.testing.assert_allclose(red_pixels(renderer.render()).mean(axis=0), (32, 48), atol=4)
-
-
-def test_a_camera_placed_by_the_caller_stands_still():
-    sim = sim_of(box())
-    renderer = SceneRenderer(sim, ViewerCfg(resolution=SMALL))
-    renderer.look((3.0, 0.0, 0.5), (0.0, 0.0, 0.5))
-    before = red_pixels(renderer.render()).mean(axis=0)
-    move(sim, 0, (0.0, 0.4, 0.0))
-    after = red_pixels(renderer.render()).mean(axis=0)
-    assert after[1] - before[1] > 8
-
-
-def test_eye_is_relative_to_what_origin_type_says():
-    sim = sim_of(box(), num_envs=3)
-    cfg = ViewerCfg(eye=(3.0, 0.0, 1.0), lookat=(0.0, 0.0, 0.5), env_index=1, resolution=SMALL)
-    np.testing.assert_allclose(SceneRenderer(sim, cfg).eye, (6.0, 0.0, 1.0))
-    np.testing.assert_allclose(SceneRenderer(sim, cfg.replace(origin_type="world")).eye, (3.0, 0.0, 1.0))
-    root = cfg.replace(origin_type="asset_root", asset_name="crate")
-    np.testing.assert_allclose(SceneRenderer(sim, root).eye, (6.0, 0.0, 1.5))
-    with pytest.raises(ValueError, match=r"no body has 'robot' in its path; there is Crate, World"):
-        SceneRenderer(sim, root.replace(asset_name="robot"))
-
-
-def test_a_camera_turns_with_the_heading():
-    cfg = ViewerCfg(
-        eye=(-1.5, 0.4, 0.6), lookat=(0.5, 0.0, 0.0), origin_type="asset_heading", asset_name="crate", resolution=SMALL,
-        follow_time=0.0,
-    )  # fmt: skip
-    sim = sim_of(box())
-    renderer = SceneRenderer(sim, cfg)
-    renderer.render()
-    yaw = 2.0
-    poses = sim.state.body_q.numpy()
-    poses[0, 3:] = [0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]
-    sim.state.body_q.assign(poses)
-    behind = renderer.render()
-    turn = np.array([[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-    middle = np.array([0.0, 0.0, 0.5])
-    still = SceneRenderer(sim, cfg)
-    still.look(middle + turn @ cfg.eye, middle + turn @ cfg.lookat)
-    difference = np.abs(behind.astype(int) - still.render().astype(int))
-    assert (difference > 8).mean() < 0.01
-    assert len(red_pixels(behind)) > 20
-
-
-def test_follower_does_not_lag_behind_steady_motion_and_jumps_with_a_reset():
-    follower = Follower(time=8.0, jump=1.0)
-    for i in range(100):
-        at = follower.follow(np.array([0.1 * i, 0.0, 0.0]))
-    assert at[0] == pytest.approx(9.9, abs=1e-3)
-    np.testing.assert_allclose(follower.follow(np.zeros(3)), 0.0)
-    np.testing.assert_allclose(follower.follow(np.full(3, np.nan)), 0.0)
 
 
 def test_pictures_show_the_current_state_of_the_chosen_environments():
@@ -355,89 +233,6 @@ def test_bad_configurations_and_environments_are_refused():
         SceneRenderer(sim_of(box(), num_envs=2), ViewerCfg(), env_ids=[0, 7])
 
 
-@pytest.mark.parametrize("size", [(64, 48), (65, 47)])
-def test_a_video_reads_back_with_its_frames(tmp_path, size):
-    av = pytest.importorskip("av")
-    path = tmp_path / "new" / "clip.mp4"
-    with VideoWriter(path, fps=25) as video:
-        for i in range(12):
-            video.add(np.full((size[1], size[0], 3), 20 * i, dtype=np.uint8))
-        assert not path.exists()
-    assert [p.name for p in path.parent.iterdir()] == ["clip.mp4"]
-    with av.open(str(path)) as container:
-        stream = container.streams.video[0]
-        frames = [f.to_ndarray(format="rgb24") for f in container.decode(video=0)]
-        assert stream.codec_context.name == "h264"
-        assert stream.pix_fmt == "yuv420p"
-        assert stream.average_rate == 25
-    assert len(frames) == 12
-    assert frames[0].shape == (size[1] + size[1] % 2, size[0] + size[0] % 2, 3)
-    np.testing.assert_allclose([f.mean() for f in frames], [20 * i for i in range(12)], atol=6)
-
-
-def write_video(path, *frames):
-    with VideoWriter(path, fps=30) as video:
-        for frame in frames:
-            video.add(frame)
-
-
-def test_an_interrupted_video_leaves_nothing_and_bad_frames_are_refused(tmp_path):
-    frame = np.zeros((32, 32, 3), dtype=np.uint8)
-    with pytest.raises(ValueError, match=r"shape \(16, 32, 3\), the first one had"):
-        write_video(tmp_path / "a.mp4", frame, frame[:16])
-    with pytest.raises(ValueError, match="float64"):
-        write_video(tmp_path / "b.mp4", frame, np.zeros((32, 32, 3)))
-    with pytest.raises(ValueError, match="without a frame"):
-        write_video(tmp_path / "c.mp4")
-    assert list(tmp_path.iterdir()) == []
-    with pytest.raises(ValueError, match="fps"):
-        VideoWriter(tmp_path / "e.mp4", fps=0)
-    with pytest.raises(ValueError, match=r"\.mp4"):
-        VideoWriter(tmp_path / "e.avi", fps=30)
-
-
-@pytest.mark.parametrize("ends", [True, False], ids=["at the end", "at a frame"])
-def test_a_video_that_cannot_be_written_says_so_and_leaves_nothing(tmp_path, ends):
-    """The thread that encodes meets the error, the caller gets it."""
-
-    class FullDisk:
-        def encode(self, picture):
-            raise OSError(28, "No space left on device")
-
-    def write():
-        frame = np.zeros((32, 32, 3), dtype=np.uint8)
-        with VideoWriter(tmp_path / "a.mp4", fps=30) as video:
-            video.add(frame)
-            video._stream = FullDisk()
-            for _ in range(1 if ends else 1000):
-                video.add(frame)
-
-    with pytest.raises(OSError, match="No space left"):
-        write()
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_an_array_that_is_drawn_into_again_is_another_frame(tmp_path):
-    av = pytest.importorskip("av")
-    frame = np.zeros((32, 32, 3), dtype=np.uint8)
-    with VideoWriter(tmp_path / "a.mp4", fps=30) as video:
-        for i in range(8):
-            frame[:] = 30 * i
-            video.add(frame)
-    with av.open(str(tmp_path / "a.mp4")) as container:
-        means = [f.to_ndarray(format="rgb24").mean() for f in container.decode(video=0)]
-    np.testing.assert_allclose(means, [30 * i for i in range(8)], atol=6)
-
-
-def test_an_image_reads_back(tmp_path):
-    image = pytest.importorskip("PIL.Image")
-    frame = np.arange(20 * 30 * 3, dtype=np.uint32).astype(np.uint8).reshape(20, 30, 3)
-    save_image(tmp_path / "a" / "x.png", frame)
-    np.testing.assert_array_equal(np.asarray(image.open(tmp_path / "a" / "x.png")), frame)
-    with pytest.raises(ValueError, match="no image ending"):
-        save_image(tmp_path / "x.txt", frame)
-
-
 def test_without_viser_the_live_viewer_says_what_to_install(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ImportError, match=r'pip install "stripe-newton\[viser\]"'):
@@ -474,24 +269,6 @@ def test_pictures_are_larger_where_pixels_are_cheap():
     assert ViewerCfg().size_on(is_gpu=True) == (1280, 720)
     assert ViewerCfg().size_on(is_gpu=False) == SceneRenderer(sim_of(box()), ViewerCfg()).render().shape[1::-1]
     assert ViewerCfg(resolution=(64, 32)).size_on(is_gpu=True) == (64, 32)
-
-
-def test_points_are_projected_to_where_the_picture_shows_them():
-    sim = sim_of(box(position=(0.0, 0.4, 0.8), half=0.05))
-    cfg = ViewerCfg(eye=(3.0, 0.0, 0.5), lookat=(0.0, 0.0, 0.5), resolution=SMALL, fov=40.0, shadows=False)
-    renderer = SceneRenderer(sim, cfg)
-    row, column = red_pixels(renderer.render()).mean(axis=0) + 0.5
-    seen = renderer.project(np.array([[0.0, 0.4, 0.8], [0.0, 0.0, 0.5], [5.0, 0.0, 0.5]]))
-    np.testing.assert_allclose(seen[0], (column, row), atol=1.0)
-    np.testing.assert_allclose(seen[1], (SMALL[0] / 2, SMALL[1] / 2), atol=1e-9)
-    assert np.isnan(seen[2]).all()  # behind the camera
-
-
-def test_a_camera_follows_more_slowly_in_height():
-    follower = Follower(np.array([4.0, 4.0, 16.0]), jump=10.0)
-    follower.follow(np.zeros(3))
-    found = follower.follow(np.array([0.3, 0.3, 0.3]))
-    assert 0.0 < found[2] < 0.5 * found[0]
 
 
 def test_far_neighbours_leave_the_followed_robot_its_shadow():

@@ -67,7 +67,8 @@ def compare_trajectories(solver: newton.solvers.SolverMuJoCo, path: str, steps: 
     if actuators is None:
         return Difference(0.0, 0.0, 0.0, 0.0, f"{ours.nu} actuators of {theirs.nu}, or of others")
     # The control of a drive is a position of its joint, also where the file's is one of a motor before a gear.
-    gears = ours.actuator_gear[:, 0] / theirs.actuator_gear[actuators, 0]
+    first, gears = theirs.actuator_gear[actuators, 0], np.ones(ours.nu)
+    np.divide(ours.actuator_gear[:, 0], first, out=gears, where=first != 0.0)  # 0: a force of a site along another axis
     ours.actuator_forcelimited[:] = theirs.actuator_forcelimited[actuators]
     ours.actuator_forcerange[:] = theirs.actuator_forcerange[actuators]
     own, their = mujoco.MjData(ours), mujoco.MjData(theirs)

@@ -4,10 +4,10 @@
 Each term is a function of one environment. ``observations``, ``rewards`` (``tracking`` and ``walking``, too),
 ``terminations``, ``events``, ``commands``, ``actions`` and ``curriculums`` hold one kind each. Other modules hold the
 terms of one subject: ``objects`` those of pools of objects, ``contact`` and ``feet`` those of contacts, ``imu`` and
-``scan`` those of other sensors, ``motion`` those of reference motions, ``obstacles`` those of obstacles, ``terrain``
-those of the ground, ``inverse_kinematics`` actions that move a body, ``randomization_*`` events that change the model.
-``frames``, ``kinematics``, ``least_squares`` and ``random`` hold functions that terms call. docs/terms.md lists all
-terms.
+``scan`` those of other sensors, ``motion`` and ``motion_command`` those of reference motions, ``obstacles`` those of
+obstacles, ``terrain`` those of the ground, ``inverse_kinematics`` actions that move a body, ``randomization_*`` events
+that change the model. ``frames``, ``kinematics``, ``least_squares``, ``motion_reference`` and ``random`` hold functions
+that terms call. docs/terms.md lists all terms.
 """
 
 from typing import TYPE_CHECKING

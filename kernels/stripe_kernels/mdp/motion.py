@@ -11,10 +11,12 @@ turned about the vertical and shifted horizontally so that its anchor is above o
 
 import warp as wp
 
-from ..data import ArticulationData, EpisodeData
+from ..data import ArticulationData
 from ..motion import MotionCommandData
 from ..term_info import Each, writes
-from . import frames, random
+from . import frames
+from .motion_command import resample_motion, update_motion
+from .motion_reference import anchor_error, reference_alignment, reference_pose
 
 __all__ = [
     "bad_anchor_ori",
@@ -41,37 +43,8 @@ __all__ = [
     "update_motion",
 ]
 
-MODE_ADAPTIVE = wp.constant(0)
-MODE_UNIFORM = wp.constant(1)
 
-
-# -- poses of the reference
-
-
-@wp.func
-def _reference_pose(env: int, command: MotionCommandData, robot: ArticulationData, body: int) -> wp.transform:
-    """Pose of a body of the reference in the world."""
-    pose = command.body_pose[command.frame[env], body]
-    return wp.transform(wp.transform_get_translation(pose) + robot.env_origin[env], wp.transform_get_rotation(pose))
-
-
-@wp.func
-def _alignment(env: int, command: MotionCommandData, robot: ArticulationData) -> wp.transform:
-    """Map of the world that brings the reference's anchor to the robot's, by a yaw and a horizontal shift."""
-    own = robot.body_pose[env, command.anchor]
-    reference = _reference_pose(env, command, robot, command.anchor)
-    turn = frames.yaw_quat(wp.transform_get_rotation(own) * wp.quat_inverse(wp.transform_get_rotation(reference)))
-    at = wp.transform_get_translation(reference)
-    to = wp.transform_get_translation(own)
-    shift = wp.vec3(to[0], to[1], at[2]) - wp.quat_rotate(turn, at)
-    return wp.transform(shift, turn)
-
-
-@wp.func
-def _anchor_error(env: int, command: MotionCommandData, robot: ArticulationData) -> wp.vec3:
-    """Vector from the robot's anchor to the reference's [m]."""
-    reference = _reference_pose(env, command, robot, command.anchor)
-    return wp.transform_get_translation(reference) - wp.transform_get_translation(robot.body_pose[env, command.anchor])
+# -- observations
 
 
 @wp.func
@@ -84,98 +57,6 @@ def _write_two_columns(q: wp.quat, first: int, out: wp.array[float]):
         out[first + 2 * k + 1] = y[k]
 
 
-# -- command
-
-
-@wp.func
-def _find_bin(command: MotionCommandData, value: float) -> int:
-    """The first bin whose summed weight is above a value."""
-    low = wp.int32(0)
-    high = command.cumulative.shape[0] - 1
-    while low < high:
-        middle = (low + high) // 2
-        if command.cumulative[middle] > value:
-            high = middle
-        else:
-            low = middle + 1
-    return low
-
-
-@wp.func
-def _draw_frame(env: int, command: MotionCommandData, rng: wp.array[wp.uint32], sampling_mode: int) -> int:
-    """Frame at which an episode begins."""
-    # Two draws in every mode: the mode does not change what else an environment draws.
-    u = random.uniform(env, rng)
-    v = random.uniform(env, rng)
-    if sampling_mode == MODE_ADAPTIVE:
-        index = _find_bin(command, u * command.cumulative[command.cumulative.shape[0] - 1])
-        return command.bin_start[index] + wp.min(int(v * float(command.bin_size[index])), command.bin_size[index] - 1)
-    if sampling_mode == MODE_UNIFORM:
-        frame = wp.min(int(u * float(command.last.shape[0])), command.last.shape[0] - 1)
-        return wp.min(frame, command.last[frame] - 1)
-    count = command.motion_start.shape[0]
-    return command.motion_start[wp.min(int(u * float(count)), count - 1)]
-
-
-@wp.func
-def resample_motion(
-    env: int,
-    command: MotionCommandData,
-    robot: ArticulationData,
-    episode: EpisodeData,
-    rng: wp.array[wp.uint32],
-    step: wp.array[wp.int64],
-    sampling_mode: int,
-    pose_range: wp.array[wp.vec2],
-    velocity_range: wp.array[wp.vec2],
-    joint_position_range: wp.vec2,
-):
-    """Start at a random frame of the motions: place the robot there, with noise; count a failure of the last episode.
-
-    Formula: root ``p = ^p + U`` [m], ``q = Rz(U) Ry(U) Rx(U) ^q``, ``v = ^v + U``; joints
-    ``q_i = clamp(^q_i + U(joint_position_range))`` to the soft limits, ``qd_i = ^qd_i``. The frame is drawn from the
-    bins by their failures (mode 0), from all frames alike (1), or is the first of a motion (2).
-
-    Source: BeyondMimic (Liao et al. 2025) and mjlab, ``MotionCommand``.
-    """
-    if episode.terminated[env]:
-        wp.atomic_add(command.failures, command.bin[command.frame[env]], 1.0)
-    frame = _draw_frame(env, command, rng, sampling_mode)
-    command.start[env] = frame
-    command.started_at[env] = step[0]
-    pose = command.body_pose[frame, 0]
-    pos = wp.transform_get_translation(pose) + robot.env_origin[env] + random.uniform_vec3(env, rng, pose_range, 0)
-    angles = random.uniform_vec3(env, rng, pose_range, 3)
-    rot = wp.quat_rpy(angles[0], angles[1], angles[2]) * wp.transform_get_rotation(pose)
-    robot.root_pose[env] = wp.transform(pos, rot)
-    robot.root_vel[env] = command.body_vel[frame, 0] + random.uniform_twist(env, rng, velocity_range)
-    for joint in range(robot.joint_pos.shape[1]):
-        limits = frames.soft_joint_pos_limits(env, robot, joint)
-        value = command.joint_pos[frame, joint] + random.uniform_range(env, rng, joint_position_range)
-        robot.joint_pos[env, joint] = wp.clamp(value, limits[0], limits[1])
-        robot.joint_vel[env, joint] = command.joint_vel[frame, joint]
-
-
-@wp.func
-def update_motion(env: int, command: MotionCommandData, step: wp.array[wp.int64]):
-    """Advance to the frame that the robot should reach by the end of the next step; stop at the last frame.
-
-    Formula: ``frame = min(start + n + 1, last)``, ``n`` the steps since the start; ``c = (^q, ^qd)`` of that frame.
-
-    Source: BeyondMimic and mjlab, ``MotionCommand``, which begin again after the last frame.
-    """
-    start = command.start[env]
-    frame = wp.min(start + wp.int32(step[0] - command.started_at[env]) + 1, command.last[start])
-    command.frame[env] = frame
-    count = command.joint_pos.shape[1]
-    for joint in range(count):
-        command.command[env, joint] = command.joint_pos[frame, joint]
-        command.command[env, count + joint] = command.joint_vel[frame, joint]
-
-
-# -- observations
-
-
 @writes(3)
 @wp.func
 def motion_anchor_pos_b(env: int, command: MotionCommandData, robot: ArticulationData, out: wp.array[float]):
@@ -186,7 +67,7 @@ def motion_anchor_pos_b(env: int, command: MotionCommandData, robot: Articulatio
     Source: BeyondMimic and mjlab, ``mdp.motion_anchor_pos_b``.
     """
     q = wp.transform_get_rotation(robot.body_pose[env, command.anchor])
-    v = wp.quat_rotate_inv(q, _anchor_error(env, command, robot))
+    v = wp.quat_rotate_inv(q, anchor_error(env, command, robot))
     for k in range(3):
         out[k] = v[k]
 
@@ -252,7 +133,7 @@ def motion_global_anchor_position_error_exp(
 
     Source: BeyondMimic and mjlab, ``mdp.motion_global_anchor_position_error_exp``.
     """
-    return wp.exp(-wp.length_sq(_anchor_error(env, command, robot)) / (std * std))
+    return wp.exp(-wp.length_sq(anchor_error(env, command, robot)) / (std * std))
 
 
 @wp.func
@@ -281,10 +162,10 @@ def motion_relative_body_position_error_exp(
 
     Source: BeyondMimic and mjlab, ``mdp.motion_relative_body_position_error_exp``.
     """
-    align = _alignment(env, command, robot)
+    align = reference_alignment(env, command, robot)
     total = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
-        target = align * _reference_pose(env, command, robot, body_ids[i])
+        target = align * reference_pose(env, command, robot, body_ids[i])
         own = wp.transform_get_translation(robot.body_pose[env, body_ids[i]])
         total += wp.length_sq(wp.transform_get_translation(target) - own)
     return wp.exp(-total / (float(body_ids.shape[0]) * std * std))
@@ -300,7 +181,7 @@ def motion_relative_body_orientation_error_exp(
 
     Source: BeyondMimic and mjlab, ``mdp.motion_relative_body_orientation_error_exp``.
     """
-    turn = wp.transform_get_rotation(_alignment(env, command, robot))
+    turn = wp.transform_get_rotation(reference_alignment(env, command, robot))
     total = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
         target = turn * wp.transform_get_rotation(command.body_pose[command.frame[env], body_ids[i]])
@@ -356,7 +237,7 @@ def bad_anchor_pos(env: int, command: MotionCommandData, robot: ArticulationData
 
     Source: BeyondMimic and mjlab, ``mdp.bad_anchor_pos``.
     """
-    return wp.length(_anchor_error(env, command, robot)) > threshold
+    return wp.length(anchor_error(env, command, robot)) > threshold
 
 
 @wp.func
@@ -367,7 +248,7 @@ def bad_anchor_pos_z_only(env: int, command: MotionCommandData, robot: Articulat
 
     Source: BeyondMimic and mjlab, ``mdp.bad_anchor_pos_z_only``.
     """
-    return wp.abs(_anchor_error(env, command, robot)[2]) > threshold
+    return wp.abs(anchor_error(env, command, robot)[2]) > threshold
 
 
 @wp.func
@@ -394,10 +275,10 @@ def bad_motion_body_pos(
 
     Source: BeyondMimic and mjlab, ``mdp.bad_motion_body_pos``.
     """
-    align = _alignment(env, command, robot)
+    align = reference_alignment(env, command, robot)
     worst = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
-        target = wp.transform_get_translation(align * _reference_pose(env, command, robot, body_ids[i]))
+        target = wp.transform_get_translation(align * reference_pose(env, command, robot, body_ids[i]))
         worst = wp.max(worst, wp.length(target - wp.transform_get_translation(robot.body_pose[env, body_ids[i]])))
     return worst > threshold
 
@@ -412,10 +293,10 @@ def bad_motion_body_pos_z_only(
 
     Source: BeyondMimic and mjlab, ``mdp.bad_motion_body_pos_z_only``.
     """
-    align = _alignment(env, command, robot)
+    align = reference_alignment(env, command, robot)
     worst = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
-        target = wp.transform_get_translation(align * _reference_pose(env, command, robot, body_ids[i]))
+        target = wp.transform_get_translation(align * reference_pose(env, command, robot, body_ids[i]))
         own = wp.transform_get_translation(robot.body_pose[env, body_ids[i]])
         worst = wp.max(worst, wp.abs(target[2] - own[2]))
     return worst > threshold
@@ -443,7 +324,7 @@ def motion_anchor_position_error(env: int, command: MotionCommandData, robot: Ar
 
     Source: mjlab, ``MotionCommand``.
     """
-    return wp.length(_anchor_error(env, command, robot))
+    return wp.length(anchor_error(env, command, robot))
 
 
 @wp.func
@@ -456,10 +337,10 @@ def motion_body_position_error(
 
     Source: mjlab, ``MotionCommand``.
     """
-    align = _alignment(env, command, robot)
+    align = reference_alignment(env, command, robot)
     total = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
-        target = wp.transform_get_translation(align * _reference_pose(env, command, robot, body_ids[i]))
+        target = wp.transform_get_translation(align * reference_pose(env, command, robot, body_ids[i]))
         total += wp.length(target - wp.transform_get_translation(robot.body_pose[env, body_ids[i]]))
     return total / float(body_ids.shape[0])
 
@@ -474,7 +355,7 @@ def motion_body_orientation_error(
 
     Source: mjlab, ``MotionCommand``.
     """
-    turn = wp.transform_get_rotation(_alignment(env, command, robot))
+    turn = wp.transform_get_rotation(reference_alignment(env, command, robot))
     total = wp.float32(0.0)
     for i in range(body_ids.shape[0]):
         target = turn * wp.transform_get_rotation(command.body_pose[command.frame[env], body_ids[i]])

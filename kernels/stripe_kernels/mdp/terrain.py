@@ -26,6 +26,18 @@ _TRIES = wp.constant(24)
 """Number of patches drawn before the best of them is taken."""
 
 
+@wp.func
+def _move_to_level(env: int, terrain: TerrainData, rng: wp.array[wp.uint32], level: int):
+    """Move the origin of an environment to a level of its kind of terrain; past the last level to a random one."""
+    levels = terrain.origins.shape[0]
+    place = level
+    # A robot that has mastered the last level goes to a random one, so that it does not forget the easier ones.
+    if level >= levels:
+        place = wp.min(int(random.uniform(env, rng) * float(levels)), levels - 1)
+    terrain.level[env] = place
+    terrain.env_origin[env] = terrain.origins[place, terrain.kind[env]]
+
+
 @needs_terrain(curriculum=True)
 @wp.func
 def terrain_levels_vel(
@@ -48,8 +60,7 @@ def terrain_levels_vel(
     """
     # Curriculums run before the reset events of a step, which then reset the robot on its new tile. The distance counts
     # from the origin of the old tile, so that it is computed before the origin changes.
-    levels = terrain.origins.shape[0]
-    if levels > 1:
+    if terrain.origins.shape[0] > 1:
         level = terrain.level[env]
         way = wp.transform_get_translation(robot.root_pose[env]) - terrain.env_origin[env]
         walked = wp.length(wp.vec2(way[0], way[1]))
@@ -61,11 +72,7 @@ def terrain_levels_vel(
             level += 1
         elif walked < 0.5 * commanded:
             level = wp.max(level - 1, 0)
-        # A robot that has mastered the last level goes to a random one, so that it does not forget the easier ones.
-        if level >= levels:
-            level = wp.min(int(random.uniform(env, rng) * float(levels)), levels - 1)
-        terrain.level[env] = level
-        terrain.env_origin[env] = terrain.origins[level, terrain.kind[env]]
+        _move_to_level(env, terrain, rng, level)
     return float(terrain.level[env])
 
 
@@ -78,15 +85,11 @@ def terrain_levels_survival(env: int, terrain: TerrainData, episode: EpisodeData
 
     Source: this project, after ``terrain_levels_vel``.
     """
-    levels = terrain.origins.shape[0]
-    if levels > 1:
+    if terrain.origins.shape[0] > 1:
         level = terrain.level[env] + 1
         if episode.terminated[env]:
             level = wp.max(level - 2, 0)
-        if level >= levels:
-            level = wp.min(int(random.uniform(env, rng) * float(levels)), levels - 1)
-        terrain.level[env] = level
-        terrain.env_origin[env] = terrain.origins[level, terrain.kind[env]]
+        _move_to_level(env, terrain, rng, level)
     return float(terrain.level[env])
 
 

@@ -4,7 +4,8 @@
 import newton
 import warp as wp
 
-from stripe_kernels.picture import Look, pack_color, shade, texture_color
+from stripe_kernels.picture_colors import pack_color, texture_color
+from stripe_kernels.picture_light import Look, shade
 
 __all__ = ["color_pixels"]
 

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import newton
 import warp as wp
 
-from ..picture import Look, pack_color, shade
+from ..picture_colors import pack_color
+from ..picture_light import Look, shade
 from .camera_hits import PixelHit, hit_functions
 from .camera_shapes import FIELD, PLANE, Lens, MeshLevel, SeenShapes, linear_of
 from .ray_blocks import FieldHit, field_normal, march_blocks

@@ -76,7 +76,7 @@ class HookRecorder:
         self._has_run = False
         """Whether a hook has run in this step, rather than a graph that it is part of."""
         self._steady: Places | None = None
-        """What must be where it was for recordings to hold; None after a hook has run, which may have changed that."""
+        """Values that must stay in place for recordings to hold; None after a hook has run, which may move them."""
         self._variants: Counter[int] = Counter()
 
     def add(

@@ -23,10 +23,10 @@ from .host_values import (
     NumbersOnDevice,
     error_location,
     executed_code,
-    location_of_name,
     short_location,
 )
-from .reachable import Path, Scan, fast_slot, path_name, scan, value_at
+from .reachable import Path, scan
+from .read_numbers import ReadNumbers
 from .recording_context import HookGraph, Launched, RecordingContext, set_flags
 from .snapshot import Results, as_close_as_repeats, first_difference
 
@@ -38,6 +38,7 @@ class RecordedHook:
 
     Attributes:
         name: Name of the hook.
+        location: File and line of the hook's definition, or its name where that has none.
         reason: Reason why it stays eager; empty while it is recorded or may be.
         traces: Number of runs that were watched.
         unchecked: Number of replays that are still to be compared before it counts as recorded.
@@ -79,10 +80,11 @@ class RecordedHook:
         self.traces, self.unchecked = 0, self.CHECKS
         self.moved: set[Path] = set()
         self.proofs: Counter[int] = Counter()
+        self.location = _location_of(method) or name
         self._code = ExecutedCode()
-        self._numbers: list[tuple[object, str | int, object, str]] = []
+        self._numbers = ReadNumbers(self._code, self.location)
         self._attempts = 0
-        self._function, self._context, self._method = function, context, method
+        self._function, self._context = function, context
         self._constants: dict[int, list[tuple[str, torch.Tensor]]] = {}
         self._graphs: dict[int, tuple[HookGraph, Launched]] = {}
         self.extras_memory = ExtrasMemory(lambda value: context.log_memory(value))
@@ -243,14 +245,12 @@ class RecordedHook:
         self._remember_constants(calls, variant)
         self.extras_memory.reserve(added_extras(extras, dicts, env.extras))
         after = scan(env, context.skip)
-        for path, value in after.numbers.items():
-            old = before.numbers.get(path)
-            if path not in before.numbers or (old is not value and old != value):
-                self.reject(self._number_reason(path, old, value))
+        for reason in self._numbers.changes_within(before, after):
+            self.reject(reason)
         changed = self.number_that_changed()
         if changed:
             self.reject(changed)
-        self._watch_numbers(after)
+        self._numbers.watch(after)
         self.traces += 1
         try:
             self.moved |= moved_paths(before, after)
@@ -264,20 +264,10 @@ class RecordedHook:
         if context.carried is not None:
             context.carried.settle()
 
-    def _watch_numbers(self, found: Scan) -> None:
-        """Note the numbers that the code of the hook may read, to find those that change from step to step."""
-        names = self._code.names
-        self._numbers = []
-        for path, value in found.numbers.items():
-            if _name_of(path) in names and path in found.holders:
-                self._numbers.append((*fast_slot(*found.holders[path]), value, path_name(path)))
-        for name, scope in self._code.global_numbers().items():
-            self._numbers.append((scope, name, scope[name], name))
-
     @property
     def places(self) -> list[tuple[object, str | int, object]]:
         """Container, key and value of each number that the hook may read."""
-        return [number[:3] for number in self._numbers]
+        return self._numbers.places
 
     def number_that_changed(self) -> str:
         """Reason, with its place, if a number that the hook may read is not what it was when the hook was watched.
@@ -285,14 +275,7 @@ class RecordedHook:
         Raises:
             NotSteady: if it is a tensor now, which has no home yet.
         """
-        for holder, key, value, name in self._numbers:
-            now = value_at(holder, key)
-            if isinstance(now, torch.Tensor):
-                raise NotSteady(f"{self.location}: {name} is a number first and a tensor then")
-            if now is not value and now != value:
-                where = location_of_name(self._code, name.rpartition(".")[2].partition("[")[0]) or self.location
-                return f"{where}: reads {name}, a number that changes from {value!r} to {now!r}"
-        return ""
+        return self._numbers.change_since()
 
     def _remember_constants(self, calls: HostCalls, variant: int) -> None:
         """Keep tensors that were made of numbers, and compare them with those of the run before."""
@@ -300,19 +283,6 @@ class RecordedHook:
             if where != there or not torch.equal(old, new):
                 self.reject(f"{there}: a tensor is made of numbers that change")
         self._constants[variant] = calls.constants
-
-    def _number_reason(self, path: Path, old: object, new: object) -> str:
-        where = location_of_name(self._code, _name_of(path)) or self.location
-        if path[-1] == "len()":
-            return f"{where}: {path_name(path[:-1])} changes its length from {old} to {new}"
-        return f"{where}: {path_name(path)} changes on the host, from {old!r} to {new!r}"
-
-    @property
-    def location(self) -> str:
-        """File and line of the hook's definition."""
-        method = inspect.unwrap(self._method) if self._method is not None else None
-        code = getattr(getattr(method, "__func__", method), "__code__", None)
-        return short_location(code.co_filename, code.co_firstlineno) if code is not None else self.name
 
     # -- comparing a replay with the hook itself
 
@@ -425,9 +395,11 @@ class RecordedHook:
         return f"{self.location}: gives another '{_shown(name)}' when it is replayed from the same state"
 
 
-def _name_of(path: Path) -> str:
-    """Name by which source code reads the value at a path, or the container that holds it."""
-    return next((k for k in reversed(path) if isinstance(k, str) and k != "len()"), "")
+def _location_of(method: Callable[..., object] | None) -> str:
+    """File and line of a method's definition; empty for what has none."""
+    method = inspect.unwrap(method) if method is not None else None
+    code = getattr(getattr(method, "__func__", method), "__code__", None)
+    return short_location(code.co_filename, code.co_firstlineno) if code is not None else ""
 
 
 def _reason_of(error: RuntimeError) -> str:

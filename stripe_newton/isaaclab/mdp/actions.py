@@ -144,7 +144,15 @@ class JointActionCfg(native.JointActionCfg):
 
 
 @configclass
-class JointPositionActionCfg(native.JointPositionActionCfg, JointActionCfg):
+class _NamedJoints:
+    """Fields without the package's defaults, as Isaac Lab has none; before the package's config in a list of bases."""
+
+    asset_name: str = MISSING
+    joint_names: Sequence[str] = MISSING
+
+
+@configclass
+class JointPositionActionCfg(_NamedJoints, native.JointPositionActionCfg, JointActionCfg):
     """:class:`stripe_newton.envs.mdp.JointPositionActionCfg`."""
 
     class_type: type | None = JointPositionAction
@@ -153,7 +161,7 @@ class JointPositionActionCfg(native.JointPositionActionCfg, JointActionCfg):
 
 
 @configclass
-class RelativeJointPositionActionCfg(native.RelativeJointPositionActionCfg, JointActionCfg):
+class RelativeJointPositionActionCfg(_NamedJoints, native.RelativeJointPositionActionCfg, JointActionCfg):
     """:class:`stripe_newton.envs.mdp.RelativeJointPositionActionCfg`."""
 
     class_type: type | None = RelativeJointPositionAction
@@ -162,7 +170,7 @@ class RelativeJointPositionActionCfg(native.RelativeJointPositionActionCfg, Join
 
 
 @configclass
-class JointVelocityActionCfg(native.JointVelocityActionCfg, JointActionCfg):
+class JointVelocityActionCfg(_NamedJoints, native.JointVelocityActionCfg, JointActionCfg):
     """:class:`stripe_newton.envs.mdp.JointVelocityActionCfg`."""
 
     class_type: type | None = JointVelocityAction
@@ -171,7 +179,7 @@ class JointVelocityActionCfg(native.JointVelocityActionCfg, JointActionCfg):
 
 
 @configclass
-class JointEffortActionCfg(native.JointEffortActionCfg, JointActionCfg):
+class JointEffortActionCfg(_NamedJoints, native.JointEffortActionCfg, JointActionCfg):
     """:class:`stripe_newton.envs.mdp.JointEffortActionCfg`."""
 
     class_type: type | None = JointEffortAction
@@ -180,7 +188,7 @@ class JointEffortActionCfg(native.JointEffortActionCfg, JointActionCfg):
 
 
 @configclass
-class JointPositionToLimitsActionCfg(native.JointPositionToLimitsActionCfg, JointActionCfg):
+class JointPositionToLimitsActionCfg(_NamedJoints, native.JointPositionToLimitsActionCfg, JointActionCfg):
     """:class:`stripe_newton.envs.mdp.JointPositionToLimitsActionCfg`."""
 
     class_type: type | None = JointPositionToLimitsAction
@@ -189,7 +197,7 @@ class JointPositionToLimitsActionCfg(native.JointPositionToLimitsActionCfg, Join
 
 
 @configclass
-class EMAJointPositionToLimitsActionCfg(native.EMAJointPositionToLimitsActionCfg, JointActionCfg):
+class EMAJointPositionToLimitsActionCfg(_NamedJoints, native.EMAJointPositionToLimitsActionCfg, JointActionCfg):
     """:class:`stripe_newton.envs.mdp.EMAJointPositionToLimitsActionCfg`."""
 
     class_type: type | None = EMAJointPositionToLimitsAction
@@ -198,7 +206,7 @@ class EMAJointPositionToLimitsActionCfg(native.EMAJointPositionToLimitsActionCfg
 
 
 @configclass
-class BinaryJointActionCfg(native.BinaryJointPositionActionCfg, JointActionCfg):
+class BinaryJointActionCfg(_NamedJoints, native.BinaryJointPositionActionCfg, JointActionCfg):
     """Base of configs of grippers."""
 
     class_type: type | None = MISSING
@@ -214,7 +222,7 @@ class BinaryJointPositionActionCfg(BinaryJointActionCfg):
 
 
 @configclass
-class BinaryJointVelocityActionCfg(native.BinaryJointVelocityActionCfg, JointActionCfg):
+class BinaryJointVelocityActionCfg(_NamedJoints, native.BinaryJointVelocityActionCfg, JointActionCfg):
     """:class:`stripe_newton.envs.mdp.BinaryJointVelocityActionCfg`."""
 
     class_type: type | None = BinaryJointVelocityAction

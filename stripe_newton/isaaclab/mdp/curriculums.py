@@ -66,7 +66,7 @@ class modify_env_param(ManagerTermBase):
     """
 
     NO_CHANGE: ClassVar[object] = object()
-    """What a function returns to leave the value as it is."""
+    """Result of a function that leaves the value as it is."""
 
     def __init__(self, cfg: CurriculumTermCfg, env: ManagerBasedRLEnv):
         """Take the address from the parameters."""

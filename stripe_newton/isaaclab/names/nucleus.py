@@ -55,7 +55,7 @@ class Robot:
     density: float | None = None
     """Density [kg/m^3] in place of the file's."""
     note: str = ""
-    """What differs from NVIDIA's file, in one line."""
+    """Differences to NVIDIA's file, in one line."""
 
 
 @dataclass(frozen=True)
@@ -342,4 +342,4 @@ ABSENT: dict[str, str] = {
     r".*Robots/(Agibot|Galbot|FourierIntelligence|OpenArm|NTNU|Clearpath|KukaAllegro)/.*": f"the robot: {_SERVER}",
     r".*": _SERVER,
 }
-"""What is missing and how to get it, by expression for the path; the first that matches counts."""
+"""Missing things and how to get them, by expression for the path; the first that matches counts."""

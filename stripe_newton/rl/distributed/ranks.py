@@ -45,6 +45,8 @@ messages between it and them."""
 
 _TIMEOUT = "STRIPE_NEWTON_TIMEOUT_S"
 """Environment variable: how long a rank waits for the others [s]."""
+_MOST_TIMEOUT = 1e7
+"""Longest time of that [s], some months."""
 _SECONDS_FOR_THE_CAUSE = 10.0
 """Time that a rank waits after it lost another one, before it fails itself."""
 
@@ -134,7 +136,7 @@ def join(device: str) -> None:
     """
     if dist.is_initialized():
         return
-    timeout = timedelta(seconds=float(os.environ.get(_TIMEOUT, "1800")))
+    timeout = timedelta(seconds=_timeout())
     # Without a store torch reads rank and size from the environment variables of torchrun.
     me, store = World(-1, 0, -1), None
     if LAUNCHER in os.environ:
@@ -148,6 +150,24 @@ def join(device: str) -> None:
         dist.init_process_group(
             backends, timeout=timeout, store=store, rank=me.rank, world_size=me.size, device_id=on_gpu
         )
+
+
+def _timeout() -> float:
+    """How long this rank waits for the others [s].
+
+    Raises:
+        RanksError: if the environment variable for it is no such time.
+    """
+    text = os.environ.get(_TIMEOUT, "1800")
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = 0.0
+    if not 0.0 < seconds <= _MOST_TIMEOUT:  # not for NaN either
+        raise RanksError(
+            f"the environment variable {_TIMEOUT} is {text!r}, must be seconds, {_MOST_TIMEOUT:.0f} at most"
+        )
+    return seconds
 
 
 def exchange(value: T) -> list[T]:

@@ -7,7 +7,9 @@ import math
 import os
 import shutil
 import signal
+import stat
 import subprocess
+import sys
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -165,9 +167,20 @@ def end_with_sweep() -> None:
     end = os.environ.pop(_PIPE, None)
     if end is None:
         return
+    if not _is_pipe(end):
+        print(f"warning: {_PIPE}={end}: is no open pipe of a sweep; this run does not end with one", file=sys.stderr)
+        return
 
     def wait() -> None:
         os.read(int(end), 1)  # returns when the other end is closed
         os.kill(os.getpid(), signal.SIGINT)
 
     threading.Thread(target=wait, name="end_with_sweep", daemon=True).start()
+
+
+def _is_pipe(number: str) -> bool:
+    """Whether a text is the number of an open pipe."""
+    try:
+        return stat.S_ISFIFO(os.fstat(int(number)).st_mode)
+    except (ValueError, OverflowError, OSError):
+        return False

@@ -76,12 +76,15 @@ class ObservationTermInfo(TypedDict):
     delay_steps: list[int]
 
 
-class ObservationGroupInfo(TypedDict, total=False):
-    """An observation group; ``terms`` is None where the environment has no terms."""
-
+class _NeededOfGroup(TypedDict):
     name: str
     shape: list[int]
     terms: list[ObservationTermInfo] | None
+
+
+class ObservationGroupInfo(_NeededOfGroup, total=False):
+    """An observation group; ``terms`` is None where the environment has no terms."""
+
     normalization: dict[str, Plain] | None
 
 

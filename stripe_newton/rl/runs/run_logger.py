@@ -28,6 +28,8 @@ from .run_folder import RunFolder
 __all__ = ["LoggerState", "RunLogger", "StopTraining"]
 
 _SECONDS_BETWEEN_LINES = 5.0
+_CLOCK_S = 1.0
+"""Difference of two clocks that does not matter [s]."""
 
 
 class StopTraining(Exception):
@@ -93,6 +95,7 @@ class RunLogger(Logger):
         self.iteration_hooks: list[Callable[[int], None]] = []
         """Called with the number of the iteration after each, before its checkpoint."""
         self._progress = _Progress(sys.stdout)
+        self._last = time.monotonic()
 
     def init_logging_writer(self) -> None:
         """Open the writers. What they have of iterations that are not done is dropped."""
@@ -141,7 +144,7 @@ class RunLogger(Logger):
         if self.read_std is not None:
             action_std = self.read_std()
         with contextlib.redirect_stdout(io.StringIO()), self._on_host():
-            times = collect_time, learn_time
+            times = self._true_times(collect_time, learn_time)
             super().log(it, start_it, total_it, *times, loss_dict, learning_rate, action_std, rnd_weight, **layout)
         self.iterations_done = it + 1
         # rsl_rl has given its numbers to the writer one by one; now that they are complete they are one row.
@@ -151,7 +154,7 @@ class RunLogger(Logger):
             self.writer.end_iteration(it, row, self.tot_timesteps, self.tot_time)
             samples = self.cfg["num_steps_per_env"] * self.num_envs * self.gpu_world_size
             reward, length = row.get("Train/mean_reward"), row.get("Train/mean_episode_length")
-            steps_per_s = samples / (collect_time + learn_time)
+            steps_per_s = samples / sum(times)
             self._progress.show(it + 1, total_it, reward, length, steps_per_s, self.tot_time)
         for hook in self.iteration_hooks:
             hook(it)
@@ -160,6 +163,16 @@ class RunLogger(Logger):
             stop = self.stop_requested and not self.ahead
         if stop and it + 1 < total_it:
             raise StopTraining
+
+    def _true_times(self, collect_time: float, learn_time: float) -> tuple[float, float]:
+        """The times of an iteration [s], without jumps of the system's clock, by which rsl_rl measures them."""
+        now = time.monotonic()
+        most, self._last = now - self._last, now
+        whole = collect_time + learn_time
+        # Twice: where iterations overlap, one may be logged late and the next one early.
+        if collect_time >= 0.0 and learn_time >= 0.0 and 0.0 < whole <= 2.0 * most + _CLOCK_S:
+            return collect_time, learn_time
+        return max(most, 1e-3), 0.0
 
     @contextlib.contextmanager
     def _on_host(self) -> Iterator[None]:

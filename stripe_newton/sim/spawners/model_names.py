@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pxr import Usd
 
 from stripe_newton.configclass import configclass
+from stripe_newton.expressions import expression_of, reason_of
 
 __all__ = ["NAMES_KEY", "ModelNamesCfg", "author_names"]
 
@@ -46,9 +47,9 @@ class ModelNamesCfg:
         for field in ("joints", "bodies", "links"):
             for expression in getattr(self, field):
                 try:
-                    re.compile(expression)
+                    expression_of(expression)
                 except re.error as error:
-                    yield f"{field}[{expression!r}]", f"is no regular expression: {error}"
+                    yield f"{field}[{expression!r}]", reason_of(error)
 
 
 def author_names(prim: Usd.Prim, names: ModelNamesCfg | None) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stripe_newton.viewers.camera_framing import Follower, frame_points, good_azimuth
+from stripe_newton.viewers.camera_framing import Follower, frame_points, good_azimuth, good_elevation
 from stripe_newton.viewers.poses import yaw_of
 from stripe_newton.viewers.roaming import roaming_body
 from stripe_newton.viewers.viewed_simulation import ViewedSimulation
@@ -119,7 +119,9 @@ class CameraControl:
             eye, target = origin + np.asarray(cfg.eye), origin + np.asarray(cfg.aim)
         else:
             azimuth = good_azimuth(points) if cfg.azimuth is None else math.radians(cfg.azimuth)
-            elevation, fov = math.radians(cfg.elevation), math.radians(cfg.fov)
+            moves = len(scene.model.body_q) > 0
+            elevation = good_elevation(points, moves) if cfg.elevation is None else math.radians(cfg.elevation)
+            fov = math.radians(cfg.fov)
             eye, target = frame_points(points, azimuth, elevation, fov, _ASPECT, cfg.margin)
         self._eye, self._target = eye - anchor, target - anchor
         camera = self._server.initial_camera

@@ -102,7 +102,7 @@ class LiveScene:
         self.grounds: list[np.ndarray] = []
         """Poses of endless planes, which are left to the backdrop."""
         self.sight_line = SightLine()
-        """What does not move and may be between a camera and what it looks at."""
+        """Things that do not move and may be between a camera and its target."""
         self._add_batches()
         self._moving = _Placed([batch for batch in self.batches if batch.moves])
         self._fixed = _Placed([batch for batch in self.batches if not batch.moves and batch.is_in_view])
@@ -178,7 +178,7 @@ class LiveScene:
         return self.body_q[body] if body >= 0 else np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
     def _key(self, shape: int, kind: int, scale: np.ndarray) -> tuple[object, ...]:
-        """What shapes of one mesh have in common."""
+        """Key that shapes of one mesh share."""
         source = self.model.sources[shape]
         if kind == int(newton.GeoType.MESH):
             # A mirror turns the triangles, which is done in the mesh.

@@ -339,7 +339,7 @@ class LiveViewer:
         self._pace.count_picture(self.camera.fov_rad)
 
     def _make_updates(self) -> dict[str, Callable[[], None]]:
-        """What each panel does at a picture, by name."""
+        """Functions that bring each panel up to date at a picture, by the panel's name."""
         updates: dict[str, Callable[[], None]] = {
             "status": lambda: self.status.update(self.envs.chosen),
         }

@@ -30,14 +30,14 @@ from stripe_newton.sim import MuJoCoSolverCfg, RigidBodyMaterialCfg, SimulationC
 from stripe_newton.specifications import SceneSpec, TaskEnvCfg, TileGridSpec, TrainingSpec
 from stripe_newton.viewers import ViewerCfg
 from stripe_tasks.robots import QUADRUPED_CFG
-from stripe_tasks.velocity.manager_based import (
+from stripe_tasks.velocity.manager_based import VelocityRoughPPORunnerCfg
+from stripe_tasks.velocity.manager_terms import (
     ActionsCfg,
     CommandsCfg,
     RewardsCfg,
     RoughEventsCfg,
     RoughTerminationsCfg,
     ScanningCfg,
-    VelocityRoughPPORunnerCfg,
     bodies,
     contacts,
     noise,

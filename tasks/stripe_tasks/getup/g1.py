@@ -29,7 +29,8 @@ from stripe_newton.viewers import ViewerCfg
 from stripe_tasks.published_robots import G1_DRIVES, action_scale, g1_cfg
 from stripe_tasks.robot_scene import RobotSceneCfg
 from stripe_tasks.success import SuccessManagerCfg
-from stripe_tasks.velocity.manager_based import VelocityPPORunnerCfg, noise
+from stripe_tasks.velocity.manager_based import VelocityPPORunnerCfg
+from stripe_tasks.velocity.manager_terms import noise
 
 from . import assistance, terms
 

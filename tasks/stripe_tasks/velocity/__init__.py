@@ -5,6 +5,14 @@ The package itself exports the configs that the manager-based forms share.
 """
 
 from .manager_based import (
+    RoughSceneCfg,
+    VelocityEnvCfg,
+    VelocityPPORunnerCfg,
+    VelocityRoughEnvCfg,
+    VelocityRoughPPORunnerCfg,
+    VelocitySceneCfg,
+)
+from .manager_terms import (
     ActionsCfg,
     CommandsCfg,
     CurriculumCfg,
@@ -14,15 +22,9 @@ from .manager_based import (
     RewardsCfg,
     RoughEventsCfg,
     RoughObservationsCfg,
-    RoughSceneCfg,
     RoughTerminationsCfg,
     ScanningCfg,
     TerminationsCfg,
-    VelocityEnvCfg,
-    VelocityPPORunnerCfg,
-    VelocityRoughEnvCfg,
-    VelocityRoughPPORunnerCfg,
-    VelocitySceneCfg,
 )
 
 __all__ = [

@@ -28,18 +28,20 @@ from stripe_newton.sim import MuJoCoSolverCfg
 from stripe_tasks.published_robots import G1_DRIVES, action_scale, g1_cfg
 
 from .manager_based import (
-    TWIST,
     BodyNames,
-    CurriculumCfg,
-    RewardsCfg,
     RoughSceneCfg,
-    RoughTerminationsCfg,
-    TerminationsCfg,
     VelocityEnvCfg,
     VelocityPPORunnerCfg,
     VelocityRoughEnvCfg,
     VelocityRoughPPORunnerCfg,
     VelocitySceneCfg,
+)
+from .manager_terms import (
+    TWIST,
+    CurriculumCfg,
+    RewardsCfg,
+    RoughTerminationsCfg,
+    TerminationsCfg,
     bodies,
     contacts,
     joints,
@@ -224,7 +226,7 @@ class G1RoughTerminationsCfg(RoughTerminationsCfg):
 
 
 def _set_up(cfg: VelocityEnvCfg) -> None:
-    """What the tasks on both grounds share: actions, commands, events, room for contacts, the view."""
+    """Set what the tasks on both grounds share: actions, commands, events, room for contacts, the view."""
     cfg.actions.joint_pos.scale = action_scale(G1_DRIVES)
     use_mjlab_events(cfg, (0.3, 1.2))
     command = cfg.commands.base_velocity

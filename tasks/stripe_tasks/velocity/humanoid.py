@@ -9,24 +9,20 @@ from __future__ import annotations
 from stripe_newton.configclass import MISSING, configclass
 from stripe_newton.envs import mdp
 from stripe_newton.managers import CurriculumTermCfg, RewardTermCfg
+from stripe_newton.viewers import ViewerCfg
 from stripe_tasks.robots import HUMANOID_POSITION_CFG
 
 from .manager_based import (
     ROBOT_PATH,
-    TWIST,
-    ActionsCfg,
     BodyNames,
-    CommandsCfg,
-    CurriculumCfg,
-    RewardsCfg,
     RoughSceneCfg,
     VelocityEnvCfg,
     VelocityPPORunnerCfg,
     VelocityRoughEnvCfg,
     VelocityRoughPPORunnerCfg,
     VelocitySceneCfg,
-    joints,
 )
+from .manager_terms import TWIST, ActionsCfg, CommandsCfg, CurriculumCfg, RewardsCfg, joints
 
 __all__ = ["HumanoidFlatEnvCfg", "HumanoidFlatPPORunnerCfg", "HumanoidRoughEnvCfg", "HumanoidRoughPPORunnerCfg"]
 
@@ -105,20 +101,23 @@ class HumanoidActionsCfg(ActionsCfg):
 
 
 @configclass
-class HumanoidFlatEnvCfg(VelocityEnvCfg):
+class HumanoidFields:
+    """Fields that both tasks of the humanoid share: the roles of its bodies, and the view."""
+
+    base: str = "torso"
+    feet: BodyNames = ".*_foot"
+    falls_on: BodyNames | None = FALLS_ON
+    viewer: ViewerCfg = VelocityEnvCfg().viewer.replace(eye=(2.8, -3.2, 0.5), lookat=(0.0, 0.0, -0.35))
+
+
+@configclass
+class HumanoidFlatEnvCfg(HumanoidFields, VelocityEnvCfg):
     """Humanoid on a plane: 75 observations, 21 joint positions."""
 
     scene: VelocitySceneCfg = VelocitySceneCfg(num_envs=4096, env_spacing=2.5, robot=ROBOT_CFG)
     actions: HumanoidActionsCfg = HumanoidActionsCfg()
     commands: HumanoidCommandsCfg = HumanoidCommandsCfg()
     rewards: HumanoidRewardsCfg = HumanoidRewardsCfg()
-    base: str = "torso"
-    feet: BodyNames = ".*_foot"
-    falls_on: BodyNames | None = FALLS_ON
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.viewer.eye, self.viewer.lookat = (2.8, -3.2, 0.5), (0.0, 0.0, -0.35)
 
 
 @configclass
@@ -130,7 +129,7 @@ class HumanoidFlatPPORunnerCfg(VelocityPPORunnerCfg):
 
 
 @configclass
-class HumanoidRoughEnvCfg(VelocityRoughEnvCfg):
+class HumanoidRoughEnvCfg(HumanoidFields, VelocityRoughEnvCfg):
     """Humanoid on rough ground: 262 observations, 187 of them heights."""
 
     scene: RoughSceneCfg = RoughSceneCfg(num_envs=4096, env_spacing=2.5, robot=ROBOT_CFG)
@@ -138,13 +137,6 @@ class HumanoidRoughEnvCfg(VelocityRoughEnvCfg):
     commands: HumanoidCommandsCfg = HumanoidCommandsCfg()
     rewards: HumanoidRoughRewardsCfg = HumanoidRoughRewardsCfg()
     curriculum: HumanoidRoughCurriculumCfg = HumanoidRoughCurriculumCfg()
-    base: str = "torso"
-    feet: BodyNames = ".*_foot"
-    falls_on: BodyNames | None = FALLS_ON
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.viewer.eye, self.viewer.lookat = (2.8, -3.2, 0.5), (0.0, 0.0, -0.35)
 
 
 @configclass

@@ -25,8 +25,8 @@ from .manager_based import (
     VelocityRoughEnvCfg,
     VelocityRoughPPORunnerCfg,
     VelocitySceneCfg,
-    noise,
 )
+from .manager_terms import noise
 
 __all__ = [
     "AnymalCFlatEnvCfg",
@@ -136,6 +136,15 @@ def placed(robot: ArticulationCfg) -> ArticulationCfg:
 # -- Go1
 
 
+@configclass
+class Go1Bodies:
+    """Bodies of Go1, by their roles in a velocity task."""
+
+    base: str = "trunk"
+    feet: BodyNames = ".*_calf"
+    thighs: BodyNames = ".*_thigh"
+
+
 def _set_up_go1(cfg: VelocityEnvCfg) -> None:
     cfg.actions.joint_pos.scale = action_scale(GO1_DRIVES)
     use_mjlab_events(cfg, (0.3, 1.5))
@@ -143,13 +152,10 @@ def _set_up_go1(cfg: VelocityEnvCfg) -> None:
 
 
 @configclass
-class Go1FlatEnvCfg(VelocityEnvCfg):
+class Go1FlatEnvCfg(Go1Bodies, VelocityEnvCfg):
     """Go1 on a plane: 48 observations, 12 joint positions."""
 
     scene: VelocitySceneCfg = VelocitySceneCfg(num_envs=4096, env_spacing=2.5)
-    base: str = "trunk"
-    feet: BodyNames = ".*_calf"
-    thighs: BodyNames = ".*_thigh"
 
     def __post_init__(self) -> None:
         self.scene.robot = placed(go1_cfg())
@@ -158,13 +164,10 @@ class Go1FlatEnvCfg(VelocityEnvCfg):
 
 
 @configclass
-class Go1RoughEnvCfg(VelocityRoughEnvCfg):
+class Go1RoughEnvCfg(Go1Bodies, VelocityRoughEnvCfg):
     """Go1 on rough ground: 235 observations, 187 of them heights."""
 
     scene: RoughSceneCfg = RoughSceneCfg(num_envs=4096, env_spacing=2.5)
-    base: str = "trunk"
-    feet: BodyNames = ".*_calf"
-    thighs: BodyNames = ".*_thigh"
 
     def __post_init__(self) -> None:
         self.scene.robot = placed(go1_cfg())
@@ -178,13 +181,19 @@ class Go1RoughEnvCfg(VelocityRoughEnvCfg):
 
 
 @configclass
-class Go2FlatEnvCfg(VelocityEnvCfg):
-    """Go2 on a plane: 48 observations, 12 joint positions."""
+class Go2Bodies:
+    """Bodies of Go2, by their roles in a velocity task."""
 
-    scene: VelocitySceneCfg = VelocitySceneCfg(num_envs=4096, env_spacing=2.5)
     base: str = "base_link"
     feet: BodyNames = ".*_calf"
     thighs: BodyNames = ".*_thigh"
+
+
+@configclass
+class Go2FlatEnvCfg(Go2Bodies, VelocityEnvCfg):
+    """Go2 on a plane: 48 observations, 12 joint positions."""
+
+    scene: VelocitySceneCfg = VelocitySceneCfg(num_envs=4096, env_spacing=2.5)
 
     def __post_init__(self) -> None:
         self.scene.robot = placed(go2_cfg())
@@ -194,13 +203,10 @@ class Go2FlatEnvCfg(VelocityEnvCfg):
 
 
 @configclass
-class Go2RoughEnvCfg(VelocityRoughEnvCfg):
+class Go2RoughEnvCfg(Go2Bodies, VelocityRoughEnvCfg):
     """Go2 on rough ground: 235 observations, 187 of them heights."""
 
     scene: RoughSceneCfg = RoughSceneCfg(num_envs=4096, env_spacing=2.5)
-    base: str = "base_link"
-    feet: BodyNames = ".*_calf"
-    thighs: BodyNames = ".*_thigh"
 
     def __post_init__(self) -> None:
         self.scene.robot = placed(go2_cfg())
@@ -212,6 +218,15 @@ class Go2RoughEnvCfg(VelocityRoughEnvCfg):
 
 
 # -- ANYmal C
+
+
+@configclass
+class AnymalCBodies:
+    """Bodies of ANYmal C, by their roles in a velocity task."""
+
+    base: str = "base"
+    feet: BodyNames = ".*_SHANK"
+    thighs: BodyNames = ".*_THIGH"
 
 
 def _set_weights(cfg: VelocityEnvCfg, **weights: float) -> None:
@@ -241,13 +256,10 @@ def _set_up_anymal_c(cfg: VelocityEnvCfg, torque_weight: float, air_time_weight:
 
 
 @configclass
-class AnymalCFlatEnvCfg(VelocityEnvCfg):
+class AnymalCFlatEnvCfg(AnymalCBodies, VelocityEnvCfg):
     """ANYmal C on a plane: 48 observations, 12 joint positions."""
 
     scene: VelocitySceneCfg = VelocitySceneCfg(num_envs=4096, env_spacing=2.5)
-    base: str = "base"
-    feet: BodyNames = ".*_SHANK"
-    thighs: BodyNames = ".*_THIGH"
 
     def __post_init__(self) -> None:
         self.scene.robot = placed(anymal_c_cfg())
@@ -256,13 +268,10 @@ class AnymalCFlatEnvCfg(VelocityEnvCfg):
 
 
 @configclass
-class AnymalCRoughEnvCfg(VelocityRoughEnvCfg):
+class AnymalCRoughEnvCfg(AnymalCBodies, VelocityRoughEnvCfg):
     """ANYmal C on rough ground: 235 observations, 187 of them heights."""
 
     scene: RoughSceneCfg = RoughSceneCfg(num_envs=4096, env_spacing=2.5)
-    base: str = "base"
-    feet: BodyNames = ".*_SHANK"
-    thighs: BodyNames = ".*_THIGH"
 
     def __post_init__(self) -> None:
         self.scene.robot = placed(anymal_c_cfg())

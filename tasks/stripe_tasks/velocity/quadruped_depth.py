@@ -19,7 +19,8 @@ from stripe_tasks.depth_student import (
     depth_camera,
 )
 
-from .manager_based import RoughEventsCfg, RoughSceneCfg, ScanningCfg
+from .manager_based import RoughSceneCfg
+from .manager_terms import RoughEventsCfg, ScanningCfg
 from .quadruped import ROBOT_CFG, QuadrupedRoughEnvCfg
 
 __all__ = ["QuadrupedDepthEnvCfg", "QuadrupedDepthRunnerCfg"]

@@ -256,6 +256,8 @@ def test_files_that_are_no_policies(tmp_path):
     later.value = "1"
     next(p for p in model.metadata_props if p.key == "observations").value = "[]"
     onnx.save_model(model, str(tmp_path / "blind.onnx"))
+    next(p for p in model.metadata_props if p.key == "observations").value = "[{}]"
+    onnx.save_model(model, str(tmp_path / "empty.onnx"))
     del model.metadata_props[:]
     onnx.save_model(model, str(tmp_path / "bare.onnx"))
     torch.save({"a": 1}, tmp_path / "other.pt")
@@ -266,6 +268,7 @@ def test_files_that_are_no_policies(tmp_path):
         ("bare.onnx", "has no metadata of a policy; was it written by 'stripe-newton export RUN'"),
         ("later.onnx", "has metadata of version 99, this package reads up to 1"),
         ("blind.onnx", "has wrong metadata: observations: lack the group 'policy' of the network"),
+        ("empty.onnx", "has wrong metadata: observations.0.name: is missing, must be text"),
         ("other.pt", "it contains no metadata.json"),
         ("bad.json", "has no metadata of a policy"),
     ):

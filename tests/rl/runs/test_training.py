@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import shutil
 import signal
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -18,6 +21,7 @@ from stripe_newton.rl import (
     evaluate,
     find_checkpoint,
     load_checkpoint,
+    read_metrics,
 )
 from stripe_newton.rl.runs import run_folder
 from stripe_newton.rl.runs.run_folder import find_run
@@ -27,6 +31,23 @@ from tests.helpers.fake_runner import flat, make_runner, rnd_cfg, rnn_cfg, rows
 
 def on_the_clock(name: str) -> bool:
     return name.startswith("Perf/") or name == "elapsed_s"
+
+
+def test_a_clock_that_jumps_does_not_reach_the_log(tmp_path, monkeypatch):
+    import rsl_rl.runners.on_policy_runner as module
+
+    jumps = itertools.cycle((0.0, 86400.0, -1.7e9, 3.0e9, -86400.0))
+    monkeypatch.setattr(module, "time", SimpleNamespace(time=lambda: time.monotonic() + next(jumps)))
+    agent = FakeCartRunnerCfg(max_iterations=6, save_interval=100)
+    agent.runner = "rsl_rl"
+    began = time.monotonic()
+    assert make_runner(tmp_path, agent, num_envs=4).learn()
+    lasted, columns = time.monotonic() - began, read_metrics(tmp_path / "metrics.csv")
+    elapsed = columns["elapsed_s"]
+    assert elapsed == sorted(elapsed)
+    assert elapsed[0] >= 0.0
+    assert elapsed[-1] <= 3.0 * lasted + 6.0
+    assert all(value > 0.0 for value in columns["Perf/total_fps"])
 
 
 def test_ppo_learns(tmp_path):

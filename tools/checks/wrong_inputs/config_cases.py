@@ -22,7 +22,8 @@ __all__ = ["config_cases"]
 TASKS = ("Stripe-Cartpole-Direct-v0", "Stripe-Cartpole-v0")
 """Tasks that the command line trains: quickly built."""
 EXTREMES = ("0", "-1", "-5", "1e300", "-1e300", "1e-300", "1e38", "2147483648", "9223372036854775808", "1e9", "0.5", "")
-WORDS = ("nan", "inf", "-inf", "abc", "1e999", "[1]", "True", "None", "", "0x10", "1,2", "--", "'", "\u0660", "1_000")
+WORDS = ("nan", "inf", "-inf", "abc", "1e999", "[1]", "True", "None", "", "0x10", "1,2", "--", "'", "\u0660", "1_000",
+         "1e400", "-0.0", "+3", " 3", "9223372036854775808", "0b1", "1,5")  # fmt: skip
 
 
 def config_cases(rng: random.Random, count: int) -> list[Case]:
@@ -128,7 +129,17 @@ def field_options(rng: random.Random, count: int) -> Iterator[Case]:
         path, field = rng.choice(leaves[task])
         name, word = _option(path), rng.choice(WORDS)
         if rng.random() < 0.15:
-            name = rng.choice((name + "x", name[:-1], name.replace("-", "", 3), name + "." + field.name))
+            name = rng.choice(
+                (
+                    name + "x",
+                    name[:-1],
+                    name.replace("-", "", 3),
+                    name + "." + field.name,
+                    name + ".__class__",
+                    "--agent.__dict__.seed",
+                    "--env.validate",
+                )
+            )
         is_text = "str" in str(field.hint)
         argv = ["train", task, "--max-iterations", "1", "--num-envs", "2", "--final-video", "False", "--device", "cpu"]
         argv += [f"{name}={word}"] if rng.random() < 0.5 else [name, word]

@@ -112,6 +112,14 @@ ENVIRONMENTS: tuple[dict[str, str | None], ...] = (
     {"MPLBACKEND": "nothing"}, {"PYTHONOPTIMIZE": "2"}, {"USER": None, "LOGNAME": None}, {"WARP_CACHE_PATH": "/proc"},
     {"HOME": "/proc/1/x"}, {"HOME": "/dev/null"}, {"XDG_CACHE_HOME": "/proc/x"}, {"MATPLOTLIBRC": "/dev/null/x"},
     {"PYTHONWARNINGS": "error"}, {"NO_COLOR": "1"}, {"LC_ALL": "xx_YY"}, {"CUBLAS_WORKSPACE_CONFIG": "x"},
+    {"PYTHONHASHSEED": "abc"}, {"LANG": "tr_TR.UTF-8"}, {"TZ": "Nonsense/Zone"}, {"COLUMNS": "1"}, {"COLUMNS": "abc"},
+    {"COLUMNS": "-5"}, {"HOME": "relative"}, {"HOME": ""}, {"TMPDIR": "/dev/null"}, {"PYTHONOPTIMIZE": "1"},
+    {"OMP_NUM_THREADS": "-3"}, {"OMP_NUM_THREADS": "999999999"}, {"PYTHONPYCACHEPREFIX": "/dev/null/x"},
+    {"STRIPE_NEWTON_PROCESSES": "abc"}, {"STRIPE_NEWTON_STREAMS": "x"}, {"STRIPE_NEWTON_TRITON": "x"},
+    {"STRIPE_NEWTON_SWEEP_PIPE": "x"}, {"STRIPE_NEWTON_SWEEP_PIPE": "99"}, {"STRIPE_NEWTON_LAUNCHER": "x"},
+    {"MENAGERIE_ROOT": "/dev/null"}, {"PXR_PLUGINPATH_NAME": "/dev/null"}, {"LOCAL_WORLD_SIZE": "x"},
+    {"XDG_CACHE_HOME": "relative/x"}, {"TORCHINDUCTOR_CACHE_DIR": "/dev/null/x"}, {"TORCH_LOGS": "nonsense"},
+    {"SOURCE_DATE_EPOCH": "abc"}, {"WARP_CACHE_PATH": "a b{}%s"},
 )  # fmt: skip
 OUTPUTS = ("head", "closed", "full", "closed input")
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")

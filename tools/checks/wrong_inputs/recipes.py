@@ -250,6 +250,18 @@ def _special(file: str, kind: str) -> None:
         path.symlink_to({"zero": "/dev/zero", "null": "/dev/null", "tty": "/dev/tty", "full": "/dev/full"}[kind])
 
 
+def _go(path: str) -> None:
+    """Make a folder and go there."""
+    Path(path).mkdir(parents=True)
+    os.chdir(path)
+
+
+def _go_nowhere() -> None:
+    """Go to a folder and remove it."""
+    _go("gone")
+    Path("../gone").resolve().rmdir()
+
+
 def _text(file: str, old: str, new: str) -> None:
     path = Path(file)
     path.write_text(path.read_text().replace(old, new))
@@ -276,5 +288,7 @@ RECIPES: dict[str, Callable[..., object]] = {
     "bomb": _bomb,
     "special": _special,
     "text": _text,
+    "go": _go,
+    "go_nowhere": _go_nowhere,
 }
 """Steps by name."""

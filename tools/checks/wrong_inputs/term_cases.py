@@ -57,6 +57,7 @@ CHANGES: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("cfg.actions = {v}", ("action",), ()),
 )
 """Changes of the config, words of a clear message, and the values that are right."""
+STEPS = "for _ in range(2): made.step(torch.zeros(4, made.single_action_space.shape[0]))"
 VALUES = (
     "3", "-1.5", "'x'", "'robot'", "float('nan')", "None", "[1.0, 2.0, 3.0]", "object()", "torch.zeros(3)", "{}",
     "SceneEntityCfg('robto')", "SceneEntityCfg('robot', joint_names=['x'])", "SceneEntityCfg('robot', joint_ids=[9])",
@@ -75,6 +76,6 @@ def term_cases(rng: random.Random, count: int) -> Iterator[Case]:
             (template, words, right), value = rng.choice(CHANGES), rng.choice(VALUES)
             change, names = template.format(v=value), list(words)
             may = value in right
-        code = f"{change}\nmade = type(env)(cfg)\nmade.reset()\nfor _ in range(2): made.step(torch.zeros(4, 1))"
+        code = f"{change}\nmade = type(env)(cfg)\nmade.reset()\n{STEPS}"
         data = {"env": "manager", "prepare": "", "code": code}
         yield Case("terms of managers", "call", change, data, names, may)

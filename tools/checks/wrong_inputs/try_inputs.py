@@ -40,11 +40,12 @@ def make_cases(count: int, seed: int) -> list[Case]:
     from command_cases import command_cases
     from config_cases import config_cases
     from file_cases import file_cases
+    from odd_cases import odd_cases
     from process_cases import process_cases
     from term_cases import term_cases
 
     rng = random.Random(seed)
-    makers = config_cases, command_cases, file_cases, call_cases, term_cases, process_cases
+    makers = config_cases, command_cases, file_cases, call_cases, term_cases, process_cases, odd_cases
     cases = [case for make in makers for case in make(rng, count)]
     rng.shuffle(cases)  # so that what is done when a run is ended early is a share of each group
     return cases

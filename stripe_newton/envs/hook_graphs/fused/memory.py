@@ -119,7 +119,7 @@ class Memory:
         return len(self._regions)
 
     def add_made(self, tensor: torch.Tensor) -> None:
-        """Take note of a tensor that an operation of the chain has made."""
+        """Note a tensor that an operation of the chain has made."""
         storage = tensor.untyped_storage()
         start = storage.data_ptr()
         region = Region(len(self._regions), start, start + storage.nbytes(), start, StorageWeakRef(storage))
@@ -339,7 +339,7 @@ class Memory:
 
 
 def _scatter_key(indexed: Indexed, indices: Sequence[Sequence[Value]]) -> tuple[object, ...]:
-    """What tells whether two operations write by the same indices."""
+    """Key of the indices by which an operation writes: the same for two that write by the same ones."""
     used = [tuple(str(v) for v in dict.fromkeys(indices[source])) for source, _, _ in indexed.steps]
     return (indexed.access.view.pitch, *used, *(stride for _, stride, _ in indexed.steps))
 

@@ -23,7 +23,7 @@ Operand: TypeAlias = "torch.Tensor | bool | int | float"
 
 @dataclass
 class Plan:
-    """What an operation does to one row.
+    """Plan of an operation: its work on one row.
 
     Attributes:
         frame: Shape of the result, with its rows.

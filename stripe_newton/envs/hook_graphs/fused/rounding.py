@@ -216,7 +216,7 @@ _TORCH: dict[str, Callable[[torch.Tensor, int], torch.Tensor]] = {
     "norm": lambda x, dim: torch.linalg.vector_norm(x, dim=dim),
 }
 _FOUND: dict[Hashable, object] = {}
-"""What has been tried, by operation, device, type and layout."""
+"""Results of trials, by operation, device, type and layout."""
 
 
 def _once(key: Hashable, find: Callable[[], T]) -> T:
