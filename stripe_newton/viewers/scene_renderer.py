@@ -68,7 +68,6 @@ class SceneRenderer:
         self.cfg = self._traced = cfg = cfg.replace(**sizes)
         env_ids = _nearest(sim, cfg.env_index, cfg.num_shown) if env_ids is None else [int(i) for i in env_ids]
         self.env_ids = env_ids
-        self._widening: WideningView | None = None
         # Warp's current device is global: several simulations may use different ones.
         with wp.ScopedDevice(sim.device):
             self._eye, self._target = np.zeros(3), np.zeros(3)
