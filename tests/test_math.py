@@ -302,3 +302,18 @@ def test_random_orientations(gen):
     yaw = sm.random_yaw_orientation(20_000, "cpu", gen)
     assert (yaw[:, :2] == 0).all()
     assert abs(sm.euler_xyz_from_quat(yaw)[2].mean().item()) < 5 * math.pi / math.sqrt(3 * 20_000)
+
+
+def test_names_of_isaac_lab():
+    q, v = torch.tensor(Rotation.random(5, random_state=0).as_quat(), dtype=torch.float32), torch.randn(5, 3)
+    turned = Rotation.from_quat(q.numpy()).apply(v.numpy())
+    assert np.allclose(sm.quat_rotate(q, v).numpy(), turned, atol=1e-5)
+    assert np.allclose(
+        sm.quat_rotate_inverse(q, torch.tensor(turned, dtype=torch.float32)).numpy(), v.numpy(), atol=1e-5
+    )
+    w_first = Rotation.from_quat(q.numpy()).as_quat(scalar_first=True)
+    assert np.allclose(sm.convert_quat(q, "wxyz").numpy(), w_first, atol=1e-6)
+    assert torch.equal(sm.convert_quat(sm.convert_quat(q, "wxyz"), "xyzw"), q)
+    with pytest.raises(ValueError, match="neither"):
+        sm.convert_quat(q, "xwyz")
+    assert np.array_equal(sm.copysign(-2.0, v).numpy(), np.copysign(np.full_like(v.numpy(), 2.0), v.numpy()))

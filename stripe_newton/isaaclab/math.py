@@ -13,12 +13,13 @@ from __future__ import annotations
 
 import logging
 import math
+from typing import TypeVar
 
+import numpy as np
 import torch
 
 from stripe_newton import math as native
 from stripe_newton.math import (
-    convert_quat,
     copysign,
     create_rotation_matrix_from_view,
     generate_random_rotation,
@@ -112,6 +113,8 @@ __all__ = [
     "yaw_quat",
 ]
 
+Array = TypeVar("Array", torch.Tensor, np.ndarray)
+
 
 def _xyzw(quat: torch.Tensor) -> torch.Tensor:
     """Quaternions ``(..., 4)`` in the order of stripe_newton."""
@@ -133,6 +136,20 @@ def wrap_to_pi(angles: torch.Tensor) -> torch.Tensor:
 
 
 # ---- rotations -------------------------------------------------------------------------------------------------------
+
+
+def convert_quat(quat: Array, to: str = "xyzw") -> Array:
+    """Quaternions ``(..., 4)`` from the other order to ``to``, ``"xyzw"`` or ``"wxyz"``; tensors or arrays.
+
+    Raises:
+        ValueError: if the shape or the order is not one of these.
+    """
+    if quat.shape[-1] != 4:
+        raise ValueError(f"convert_quat: expected quaternions (..., 4), got {tuple(quat.shape)}")
+    if to not in ("xyzw", "wxyz"):
+        raise ValueError(f"convert_quat: the order {to!r} is neither 'xyzw' nor 'wxyz'")
+    shift = -1 if to == "xyzw" else 1
+    return quat.roll(shift, dims=-1) if isinstance(quat, torch.Tensor) else np.roll(quat, shift, axis=-1)
 
 
 def quat_unique(q: torch.Tensor) -> torch.Tensor:

@@ -12,9 +12,7 @@ Rotation Vectors", Stanford University, 2006.
 from __future__ import annotations
 
 import math
-from typing import TypeVar
 
-import numpy as np
 import torch
 
 __all__ = [
@@ -48,8 +46,6 @@ __all__ = [
     "wrap_to_pi",
     "yaw_quat",
 ]
-
-Array = TypeVar("Array", torch.Tensor, np.ndarray)
 
 Bound = torch.Tensor | float
 """A number, or a tensor that broadcasts."""
@@ -405,15 +401,14 @@ def copysign(mag: float, other: torch.Tensor) -> torch.Tensor:
     return torch.copysign(torch.full_like(other, abs(mag)), other)
 
 
-def convert_quat(quat: Array, to: str = "xyzw") -> Array:
-    """Quaternions ``(..., 4)`` from the other order to ``to``, ``"xyzw"`` or ``"wxyz"``; tensors or arrays.
+def convert_quat(quat: torch.Tensor, to: str = "xyzw") -> torch.Tensor:
+    """Quaternions ``(..., 4)`` from the other order to ``to``, ``"xyzw"`` or ``"wxyz"``.
 
     Raises:
         ValueError: if the shape or the order is not one of these.
     """
     if quat.shape[-1] != 4:
-        raise ValueError(f"convert_quat: expected quaternions (..., 4), got {tuple(quat.shape)}")
-    if to not in ("xyzw", "wxyz"):
-        raise ValueError(f"convert_quat: the order {to!r} is neither 'xyzw' nor 'wxyz'")
-    shift = -1 if to == "xyzw" else 1
-    return quat.roll(shift, dims=-1) if isinstance(quat, torch.Tensor) else np.roll(quat, shift, axis=-1)
+        raise ValueError(f"convert_quat: expected quaternions (..., 4), got {quat.shape}")
+    if to != "xyzw" and to != "wxyz":
+        raise ValueError(f"convert_quat: the order '{to}' is neither 'xyzw' nor 'wxyz'")
+    return quat.roll(-1 if to == "xyzw" else 1, dims=-1)

@@ -218,14 +218,17 @@ def test_a_state_that_is_not_finite_still_gives_a_picture():
 
 
 def test_bad_configurations_and_environments_are_refused():
-    cfg = ViewerCfg(eye=(1, 2, 3), origin_type="robot", resolution=(0, 5.5), env_index=-1, fov=500.0)
+    cfg = ViewerCfg(lookat=(1, 2, 3), origin_type="robot", resolution=(0, 5.5), env_index=-1, fov=500.0)
     with pytest.raises(ConfigError) as error:
         cfg.validate()
     assert {p.split(":")[0] for p in error.value.problems} == {
-        "lookat", "origin_type", "resolution", "env_index", "fov",
+        "eye", "origin_type", "resolution", "env_index", "fov",
     }  # fmt: skip
     with pytest.raises(ConfigError, match="same point"):
         ViewerCfg(eye=(1, 1, 1), lookat=(1, 1, 1)).validate()
+    assert ViewerCfg(eye=(1, 2, 3)).validate() is None  # as in Isaac Lab's configs: it looks at the origin
+    assert ViewerCfg(eye=(1, 2, 3)).aim == (0.0, 0.0, 0.0)
+    assert ViewerCfg().aim is None
     with pytest.raises(IndexError, match=r"\[7\], expected some of 0 to 1"):
         SceneRenderer(sim_of(box(), num_envs=2), ViewerCfg(), env_ids=[0, 7])
 
