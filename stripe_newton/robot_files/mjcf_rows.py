@@ -58,7 +58,8 @@ def _unused(model: mujoco.MjModel, options: dict[str, Any]) -> Iterator[Row]:
         (model.nmocap, "mocap bodies", "they are read as bodies that stand still"),
     ):
         if count:
-            yield f"{count} {what}", "not read", why
+            one = what.replace("bodies", "body").removesuffix("s")
+            yield f"{count} {one if count == 1 else what}", "not read", why
     if model.nkey and options.get("keyframe") is None:
         names = ", ".join(model.key(k).name or f"number {k}" for k in range(model.nkey))
         yield (

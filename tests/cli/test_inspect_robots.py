@@ -28,7 +28,7 @@ def test_an_mjcf_file_is_shown_with_its_actuators(tmp_path, capsys):
     assert lines["servo"] == ["position", "joint", "elbow", "40", "2", "1", "-5", "..", "5"]
     assert lines["motor"] == ["motor", "joint", "elbow", "0", "0", "3", "-1", "..", "1"]
     assert lines["speed"] == ["velocity", "joint", "elbow", "0", "7", "1"]
-    assert "1 sensors  not read" in text
+    assert "1 sensor  not read" in text
     assert Path("pictures/arm.png").read_bytes()[:4] == b"\x89PNG"
 
 

@@ -123,13 +123,13 @@ def test_what_is_not_read_has_a_row(tmp_path):
     path = mjcf(tmp_path, rest=rest, body=BODY + '<camera name="c"/>')
     found = {(where, what) for where, what, _ in inspect_robot_file(path).ignored}
     assert found == {
-        ("1 sensors", "not read"), ("1 cameras", "not read"), ("keyframes", "not used"), ("option", "timestep 0.004"),
+        ("1 sensor", "not read"), ("1 camera", "not read"), ("keyframes", "not used"), ("option", "timestep 0.004"),
         ("option", "gravity (0, 0, -1.6)"), ("option", "integrator implicitfast"),
     }  # fmt: skip
     spawn = MjcfFileCfg(asset_path=str(path), keyframe="home")
     scene = make_scene({"robot": ArticulationCfg(prim_path="{ENV_REGEX_NS}/Robot", spawn=spawn, actuators={})})
     rows = scene.builder.reports[0].ignored
-    assert "/World/envs/env_0/Robot/1 sensors" in [row[0] for row in rows]
+    assert "/World/envs/env_0/Robot/1 sensor" in [row[0] for row in rows]
     assert not [row for row in rows if "keyframes" in row[0]]  # it is used
 
 

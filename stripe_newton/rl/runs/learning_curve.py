@@ -32,7 +32,7 @@ def plot_learning_curve(metrics: str | os.PathLike, path: str | os.PathLike, tit
     columns = read_metrics(metrics)
     curves = [(columns[name], label) for name, label in _CURVES if name in columns]
     if not curves:
-        raise ValueError(f"{metrics}: no episode ended, there is no learning curve to draw")
+        raise ValueError(f"{metrics}: no episode has ended yet")
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     FigureCanvasAgg(figure)
     for axes, (values, label) in zip(figure.subplots(1, len(curves), squeeze=False)[0], curves, strict=True):
