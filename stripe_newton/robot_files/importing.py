@@ -38,6 +38,7 @@ from .mjcf_masses import take_compiled_masses
 from .mjcf_rows import mjcf_rows
 from .mjcf_sites import tie_sites
 from .mjcf_tied_bodies import let_tied_bodies_collide
+from .mjcf_visibility import show_drawn_colliders
 from .urdf import prepare_urdf
 from .urdf_checks import Row, undecided_root
 
@@ -239,6 +240,7 @@ def _add_mjcf(
     if scale == 1.0 and not own.get("collapse_fixed_joints"):
         rows += take_compiled_masses(builder, start.body, model)
     complete_mjcf(builder, str(path), start, keyframe, xform, scale)
+    show_drawn_colliders(builder, start.body, start.shape, model)
     if not own.get("collapse_fixed_joints"):
         tie_sites(builder, start.equality, model, scale, xform)
         rows += let_tied_bodies_collide(builder, start.equality, model)
