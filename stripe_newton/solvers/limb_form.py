@@ -136,9 +136,7 @@ class LimbForm:
         if not any(map(is_searched, pairs)):
             return 0
         touch = 8 if any(pair.kind.startswith("MESH") for pair in pairs) else 7
-        rows = 9 if touch == 8 else 0
-        size = _MOST_SEARCHES * (21 + rows + 5) + max(_MOST_SEARCHES * 4 * touch, 32 * 12)
-        return -(-(size + 64 + _MOST_LISTED + 96 + 3) // 4) * 4
+        return -(-(_MOST_SEARCHES * (21 + 4 * touch + 5) + 64 + _MOST_LISTED + 64 + 2) // 4) * 4
 
     def sizes(self, max_contacts: int) -> dict[str, int]:
         """Sizes that the source relies on.

@@ -40,8 +40,7 @@ _BLOCK = 2_000_000
 
 _GRID = np.dtype(
     [("low", "3f4"), ("cells_per_metre", "f4"), ("size", "3i4"), ("reach", "f4"),
-     ("cells", "u8"), ("items", "u8"), ("things", "u8"), ("planes", "u8"), ("bounds", "u8"), ("units_per_metre", "f4"),
-     ("none", "i4")]
+     ("cells", "u8"), ("items", "u8"), ("things", "u8"), ("planes", "u8")]
 )  # fmt: skip
 """As struct Grid of search.h."""
 _CLEARANCE = np.dtype(
@@ -56,8 +55,6 @@ _CLEARANCE = np.dtype(
     ]
 )
 """As struct Clearance of search.h."""
-_BOUNDS = np.dtype([("normal", "3f4"), ("offset", "f4"), ("low", "3u2"), ("high", "3u2"), ("number", "i4")])
-"""As struct MeshBounds of meshes.h."""
 _FACE = np.dtype(
     [("normal", "3f4"), ("geom", "i4"), ("a", "3f4"), ("is_solid", "i4"), ("b", "3f4"), ("none1", "i4"), ("c", "3f4"),
      ("none2", "i4")]
@@ -112,13 +109,7 @@ class MeshGrids:
         low, size, cell, first, items = _sort_into_cells(corners.astype(float), cell, reach)
         record = np.zeros(1, _GRID)
         record["low"], record["cells_per_metre"], record["size"], record["reach"] = low, 1.0 / cell, size, reach
-        bounds, record["units_per_metre"] = _bounds(things, corners.astype(float) - low)
-        arrays = {
-            "cells": first,
-            "items": items,
-            "things": things.view(np.uint8),
-            "bounds": bounds[items].view(np.uint8),
-        }
+        arrays = {"cells": first, "items": items, "things": things.view(np.uint8)}
         if goes_on is not None:
             cells = Cells(low, size, cell, first, items)
             arrays["planes"] = level_cells(cells, corners, things["normal"], things["geom"], goes_on)
@@ -276,21 +267,6 @@ def _has_open_edge(faces: np.ndarray) -> np.ndarray:
     _, edge = np.unique(edges, return_inverse=True)
     balance = np.bincount(edge, np.where(start < end, 1.0, -1.0))
     return (balance[edge] != 0.0).reshape(-1, 3).any(axis=1)
-
-
-def _bounds(things: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, float]:
-    """Bounds of faces or edges by their corners relative to a grid, and the units of them in a metre."""
-    made, most = np.zeros(len(things), _BOUNDS), np.iinfo(np.uint16).max
-    made["number"] = 2 * np.arange(len(things))
-    if not len(things):
-        return made, 1.0
-    scale = (most - 2) / max(float(corners.max()), 1e-3)
-    made["low"] = np.clip(np.floor(scale * corners.min(axis=1)) - 1, 0, most)  # one more than rounding
-    made["high"] = np.clip(np.ceil(scale * corners.max(axis=1)) + 1, 0, most)
-    if "normal" in (things.dtype.names or ()):
-        made["normal"], made["number"] = things["normal"], made["number"] + (things["is_solid"] != 0)
-        made["offset"] = np.einsum("ij,ij->i", things["normal"].astype(float), corners[:, 0])
-    return made, scale
 
 
 def _sort_into_cells(

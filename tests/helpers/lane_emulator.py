@@ -42,7 +42,6 @@ _PRELUDE = """
 #define AWAIT_COPIES()
 #define __popc __builtin_popcount
 #define __ffsll __builtin_ffsll
-#define __ffs __builtin_ffs
 #define __shared__
 #define rsqrtf(x) (1 / sqrtf(x))
 enum { EMULATED = %d };
@@ -86,7 +85,6 @@ static unsigned __ballot_sync(unsigned, int holds) {
 static int __any_sync(unsigned, int holds) { return __ballot_sync(0, holds) != 0; }
 static unsigned __float_as_uint(float x) { unsigned bits; memcpy(&bits, &x, 4); return bits; }
 static int atomicOr(int* to, int bits) { int was = *to; return *to |= bits, was; }
-static void atomicOr(unsigned* to, unsigned bits) { *to |= bits; }
 static void atomicOr(unsigned long long* to, unsigned long long bits) { *to |= bits; }
 static int atomicAdd(int* to, int x) { int was = *to; return *to += x, was; }
 template <class T> static void atomicMin(T* to, T x) { if (x < *to) *to = x; }

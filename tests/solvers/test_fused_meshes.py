@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from stripe_newton.sim.contact_capacity import contact_capacity
 from stripe_newton.solvers import SolverFused
-from stripe_newton.solvers.mesh_grid import _BOUNDS, MeshGrids, TriangleMesh
+from stripe_newton.solvers.mesh_grid import MeshGrids, TriangleMesh
 from tests.helpers.step_meshes import FRAMES, model_of, random_poses, step_mesh
 
 COUNT = 400
@@ -193,7 +193,7 @@ def test_bodies_come_to_rest(add_geom, place, turn, height, solid):
 def test_cells_list_all_faces_that_are_near():
     fine, reach = step_mesh(3), 0.09
     grids = MeshGrids([[TriangleMesh(fine.vertices, fine.faces, 3)]], reach, "cpu")
-    first, items, faces, bounds, planes, _, _, edges, _, _, record = (a.numpy() for a in grids._arrays)
+    first, items, faces, planes, _, _, edges, _, record = (a.numpy() for a in grids._arrays)
     # Edges at which it bends down: those at the five convex corners of its outline, and the outline itself, twice.
     assert (len(faces) // 64, len(edges) // 64) == (len(fine.faces), 8 * (5 + 2 * 6))
     low, scale, size = record[:12].view(np.float32), record[12:16].view(np.float32)[0], record[16:28].view(np.int32)
@@ -213,23 +213,13 @@ def test_cells_list_all_faces_that_are_near():
             assert min(distance.min(), reach) == pytest.approx(min(height, reach), abs=1e-6)
             level += 1
     assert level > 40  # of the points that are near a face
-    # What is left out by its bounds does not touch: they hold each face, and its plane is that of the face.
-    bounds, units = bounds.view(_BOUNDS), record[72:76].view(np.float32)[0]
-    of_items = units * (corners[items].astype(float) - low)
-    assert (bounds["low"] <= of_items.min(axis=1)).all()
-    assert (bounds["high"] >= of_items.max(axis=1)).all()
-    assert (bounds["high"] - bounds["low"] <= np.ptp(of_items, axis=1) + 4.0).all()
-    assert (bounds["number"] // 2 == items).all()
-    assert (bounds["number"] % 2 == 1).all()  # it is solid
-    height = np.einsum("ij,ikj->ik", bounds["normal"], corners[items] - low) - bounds["offset"][:, None]
-    assert np.abs(height).max() < 2e-6
 
 
 @pytest.mark.parametrize("solid", [True, False])
 def test_no_face_is_nearer_to_the_centre_of_a_cell_than_it_says(solid):
     mesh = step_mesh(1, solid)
     grids = MeshGrids([[TriangleMesh(mesh.vertices, mesh.faces, 3)]], 0.05, "cpu")
-    cells, record = grids._arrays[-2].numpy(), grids._arrays[-1].numpy()[160:]  # behind two grids of 80 bytes
+    cells, record = grids._arrays[-2].numpy(), grids._arrays[-1].numpy()[128:]  # behind two grids of 64 bytes
     low, scale, size = record[:12].view(np.float32), record[12:16].view(np.float32)[0], record[16:28].view(np.int32)
     unit = record[28:32].view(np.float32)[0]
     points = np.random.default_rng(4).uniform(low, low + size / scale, size=(400, 3))
@@ -247,7 +237,7 @@ def test_no_face_is_nearer_to_the_centre_of_a_cell_than_it_says(solid):
     deep = inside & (distance > diagonal)
     assert (clear[deep] == 0.0).all()
     assert deep.any() == solid
-    to_edges = distance_to_edges(points, grids._arrays[7].numpy().view(np.float32).reshape(-1, 16)[:, :6])
+    to_edges = distance_to_edges(points, grids._arrays[6].numpy().view(np.float32).reshape(-1, 16)[:, :6])
     assert (clear_of_edges - away <= to_edges + 1e-6).all()
     assert (clear_of_edges >= to_edges - away - 2 * unit)[to_edges < 255 * unit].all()
 

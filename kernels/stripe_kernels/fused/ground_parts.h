@@ -72,12 +72,10 @@ FN bool is_near_field(const Patch& patch, const Mat& axes, const Cover& c, real 
 FN Near near_mesh(const Clearance& field, const Mat& axes, Vec at, const Cover& c, real reach) {
     const Vec first = at + axes * c.first, step = axes * c.step;
     Near near{false, false, false, false};
-    Clear clear[3];
-    UNROLLED for (int i = 0; i < 3; i++) clear[i] = clearance_at(field, first + (real)(i < c.count ? i : 0) * step);
-    UNROLLED for (int i = 0; i < 3; i++) {
-        if (i >= c.count) break;
-        const bool touches = clear[i].faces <= reach;
-        near.faces |= touches, near.edges |= clear[i].edges <= reach, near.high = touches;  // the last ball is that of the high end
+    ROLLED for (int i = 0; i < c.count; i++) {
+        const Clear clear = clearance_at(field, first + (real)i * step);
+        const bool touches = clear.faces <= reach;
+        near.faces |= touches, near.edges |= clear.edges <= reach, near.high = touches;  // the last ball is that of the high end
         if (i == 0) near.low = touches;
     }
     return near;

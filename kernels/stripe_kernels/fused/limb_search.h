@@ -2,10 +2,10 @@
 // Limb search: contacts of limbs on a GPU, where the lanes of a warp search for touches on height fields and meshes together.
 //
 // Robots differ in what is near them, and a warp takes as long as its busiest lane. So a lane only finds out which geoms of its
-// limb are near, and lists their parts. The lanes of the warp share out the parts, of which most touch planes alone, and then the
-// triangles near the others: first those are left out whose bounds are not in reach, as there may be hundreds around a round
-// table's foot. The touches of the others are listed, so that the rounds after the first look at them alone. A lane takes the hits
-// of its limb in the order of their parts, so that neither their number nor their order depends on the other lanes.
+// limb are near, and touches planes: of most robots nothing else is near. The triangles near the other parts of those geoms are
+// shared out over the lanes of the warp: first those are left out whose bounds are not in reach, as there may be hundreds around a
+// round table's foot. The touches of the others are listed, so that the rounds after the first look at them alone. A lane takes the
+// hits of its limb in the order of their parts, so that neither their number nor their order depends on the other lanes.
 //
 // All of a step's code should stay in a multiprocessor's cache for instructions, 128 KB: what does not is fetched again in each
 // step of a launch. So each piece of this code is there once.
@@ -21,26 +21,12 @@ struct Candidate {
     unsigned search : 5, number : 27;
 };
 static_assert(MOST_SEARCHES <= 32, "number of a search");
-// A hit of a limb's pair.
-struct PairHit {
-    Hit hit;
-    int geom;
-    short pair;
-    unsigned char number;  // of the pair among those of the limb
-};
-enum {
-    MOST_NEAR = 2 * MOST_LISTED,  // parts that are listed at a time
-    AT_ONCE = 2,  // candidates of a lane whose bounds are loaded together
-};
 // What the lanes of a warp share.
 struct alignas(16) WarpSearches {
     unsigned long long best[MOST_SEARCHES];  // order and number of the best candidate of a round
-    unsigned long long own[32];              // of each lane: the searches for its pairs; before: pairs without a place
+    unsigned long long own[32];              // of each lane: the searches for its pairs
     Search search[MOST_SEARCHES];
-    union {
-        Kept found[MOST_SEARCHES][4];        // hits; behind them that of the best candidate of a round
-        PairHit hit[32];                     // before: of each lane, that of a part with a plane
-    };
+    Kept found[MOST_SEARCHES][4];            // hits; behind them that of the best candidate of a round
     unsigned outside[MOST_SEARCHES];         // order of the nearest face that a ball is in front of and does not touch
     int touches[MOST_SEARCHES];
     unsigned short part[MOST_SEARCHES];      // see `PartOfLane`
@@ -48,15 +34,8 @@ struct alignas(16) WarpSearches {
     bool is_listed[MOST_SEARCHES];           // whether all its touches are listed
     int count;                               // searches, of which there may be more than places
     int num_listed;                          // touches, of which there may be more than places
-    int num_near;                            // parts that are near, of which there may be more than places
-    union {
-        Candidate touching[MOST_LISTED];     // those of a round that has more are found again in the next one
-        unsigned short near[MOST_NEAR];      // before: parts that are near, see `PartOfLane`
-    };
-    union {
-        Candidate queue[32 * (1 + AT_ONCE)]; // candidates that may touch
-        unsigned touched[32];                // before: of each lane, those that have found hits of its pairs
-    };
+    Candidate touching[MOST_LISTED];         // those of a round that has more are found again in the next one
+    Candidate queue[64];                     // candidates that may touch
 };
 static_assert(sizeof(WarpSearches) <= 4 * WARP_SEARCHES_SIZE, "size of WarpSearches");
 
@@ -86,6 +65,13 @@ FN int lanes_of_warp(const Parameters& P) {
     return worlds < 32 / LANES ? worlds * LANES : 32;
 }
 
+// A hit of a limb's pair.
+struct PairHit {
+    Hit hit;
+    int geom;
+    short pair;
+    unsigned char number;  // of the pair among those of the limb
+};
 // Contacts of a limb that have been found so far.
 struct PairHits {
     PairHit* hits;
@@ -123,8 +109,8 @@ FN void add_primitive(PairHits& found, const World& w, const Parameters& P, int 
     ROLLED for (int i = 0; i < hits.count; i++) add(found, PairHit{hits.hit[i], a, (short)p, (unsigned char)number});
 }
 
-// Look at those of a limb's pairs that are asked for, geom by geom: add the hits of primitives, and list the parts that are near a
-// ground for the lanes of the warp. Returns the pairs of those for which there is no place.
+// Look at those of a limb's pairs that are asked for, geom by geom: add the hits of primitives, and of what is near a plane alone,
+// and prepare the searches for other parts that are near a ground. Returns the pairs of those for which there is no place.
 FN unsigned long long look_at_geoms(PairHits& found, WarpSearches& all, const World& w, const Parameters& P, int slot,
                                     unsigned long long asked) {
     unsigned long long without_place = 0;
@@ -139,57 +125,34 @@ FN unsigned long long look_at_geoms(PairHits& found, WarpSearches& all, const Wo
             const int p = limb_pair(t);
             parts = limb_parts(t);
             if (!has_both(P, p)) continue;
-            const Near near = near_ground(on_ground(ground_of(w, P, p, geom_body(g)), own), P, p);
+            const Geom ground = ground_of(w, P, p, geom_body(g));
+            const OnGround o = on_ground(ground, own);
+            const Near near = near_ground(o, P, p);
             if (!near.faces && !near.edges) continue;
             ROLLED for (int i = t; i < t + parts; i++) {
-                if (!is_part_near(near, ground_part(limb_pair(i))) || !(asked >> (i - first) & 1)) continue;
-                const int place = atomicAdd(&all.num_near, 1);
-                if (place < MOST_NEAR) all.near[place] = packed(PartOfLane{(int)(threadIdx.x % 32), i - first});
-                else without_place |= 1ull << (i - first);
+                const int q = limb_pair(i);
+                if (!is_part_near(near, ground_part(q)) || !(asked >> (i - first) & 1)) continue;
+                Search s;
+                prepare(s, o, P, q);
+                if (s.size == 0) continue;
+#if HAS_MESHES
+                if (s.on_plane) {
+                    Touch hit;
+                    if (touches_plane(s, hit, P)) add_touch(found, hit, ground.axes, own.pos, q, i - first);
+                    continue;
+                }
+#endif
+                s.pos = own.pos;
+                const int place = atomicAdd(&all.count, 1);
+                if (place < MOST_SEARCHES) {
+                    all.search[place] = s, all.part[place] = packed(PartOfLane{(int)(threadIdx.x % 32), i - first});
+                    all.far[place] = all.is_listed[place] = false;
+                } else
+                    without_place |= 1ull << (i - first);
             }
         }
     }
     return without_place;
-}
-
-// Look at the parts that are listed, whichever lane's they are: find the hit of one that is near a plane alone, and prepare the
-// searches for the others. A part for which there is no place is one of `own` of its lane.
-FN void look_at_parts(PairHits& found, WarpSearches& all, const Parameters& P, int slot, int lane, int lanes) {
-    const int count = all.num_near < MOST_NEAR ? all.num_near : MOST_NEAR;
-    ROLLED for (int first = 0; first < count; first += lanes) {
-        all.touched[lane] = 0;
-        SYNC_WARP();
-        if (first + lane < count) {
-            const unsigned short part = all.near[first + lane];
-            const PartOfLane of = unpacked(part);
-            const World& w = world_of(of.lane);
-            const Parameters Q = parameters_of(P, of.lane);
-            const int p = limb_pair(limb_pair_start(slot + of.lane % LANES - lane % LANES) + of.number), g = contact_geom2(p);
-            const Geom own = geom_of(w, Q, g), ground = ground_of(w, Q, p, geom_body(g));
-            Search s;
-            prepare(s, on_ground(ground, own), Q, p);
-            bool is_search = s.size != 0;
-#if HAS_MESHES
-            if (s.size && s.on_plane) {
-                Touch hit;
-                is_search = false;
-                if (touches_plane(s, hit, Q)) {
-                    all.hit[lane] = PairHit{in_world(hit, ground.axes, own.pos), hit.geom, (short)p, (unsigned char)of.number};
-                    atomicOr(&all.touched[of.lane], 1u << lane);
-                }
-            }
-#endif
-            if (is_search) {
-                s.pos = own.pos;
-                const int place = atomicAdd(&all.count, 1);
-                if (place < MOST_SEARCHES) all.search[place] = s, all.part[place] = part, all.far[place] = all.is_listed[place] = false;
-                else atomicOr(&all.own[of.lane], 1ull << of.number);
-            }
-        }
-        SYNC_WARP();
-        ROLLED for (unsigned touched = all.touched[lane]; touched; touched &= touched - 1) add(found, all.hit[__ffs(touched) - 1]);
-        SYNC_WARP();
-    }
 }
 
 // A number of the same order as a real one.
@@ -216,6 +179,19 @@ FN bool touch_of(const Search& s, const Parameters& P, int lane, int thing, bool
 #else
     return false;
 #endif
+}
+
+// A candidate of a search as what may touch. Returns whether its bounds are in reach.
+FN bool may_touch(unsigned& thing, const Search& s, const Parameters& P, int candidate, bool far) {
+    thing = candidate;
+#if HAS_MESHES
+    if (is_mesh_pair(s.pair)) {
+        const Mesh& mesh = mesh_of(P, s.pair);
+        thing = thing_of(s, mesh, candidate);
+        return may_touch(s, mesh, thing, far);
+    }
+#endif
+    return true;
 }
 
 // Number the candidates of all searches that go on and whose touches are not listed, and begin a round of all that go on.
@@ -260,42 +236,6 @@ FN unsigned long long offer(WarpSearches& all, const Parameters& P, Candidate c,
     return key;
 }
 
-// The candidates `i`, `i + lanes` and so on of a round, and which of them may touch: bounds are in reach. Their bounds are loaded
-// together. `k` is the search of the last one.
-FN void find_candidates(Candidate* c, bool* is_one, const WarpSearches& all, const Parameters& P, int count, int candidates, int i,
-                        int end, int lanes, int& k) {
-#if HAS_MESHES
-    MeshBounds bounds[AT_ONCE];
-#endif
-    int which[AT_ONCE];
-    UNROLLED for (int u = 0; u < AT_ONCE; u++, i += lanes) {
-        is_one[u] = false, c[u] = Candidate{0, 0}, which[u] = -1;
-        if (i < candidates) {
-            while (k + 1 < count && all.search[k + 1].start <= i) k++;  // the last that starts there: those before are empty
-            which[u] = i - all.search[k].start;
-            c[u] = Candidate{(unsigned)k, (unsigned)which[u]};
-#if HAS_MESHES
-            const Search& s = all.search[k];
-            if (is_mesh_pair(s.pair)) bounds[u] = bounds_of(s, grid_of(s, mesh_of(P, s.pair)), which[u]);
-#endif
-        } else if (i < end) {
-            c[u] = all.touching[i - candidates];
-            is_one[u] = all.is_listed[c[u].search] && !all.search[c[u].search].ended;
-        }
-    }
-    UNROLLED for (int u = 0; u < AT_ONCE; u++) {
-        if (which[u] < 0) continue;
-        is_one[u] = true;
-#if HAS_MESHES
-        const Search& s = all.search[c[u].search];
-        if (!is_mesh_pair(s.pair)) continue;
-        is_one[u] = may_touch(s, grid_of(s, mesh_of(P, s.pair)), bounds[u], all.far[c[u].search]);
-        const int number = bounds[u].number >> 1;
-        c[u].number = s.kind == BOX_PART ? 2 * number + which[u] % 2 : number;
-#endif
-    }
-}
-
 // Find the touches of a round: of all candidates, which are numbered, and of those that are listed.
 FN void find_touches(WarpSearches& all, const Parameters& P, int count, int candidates, int lane, int lanes) {
     const int listed = all.num_listed < MOST_LISTED ? all.num_listed : MOST_LISTED, end = candidates + listed;
@@ -303,15 +243,21 @@ FN void find_touches(WarpSearches& all, const Parameters& P, int count, int cand
     SYNC_WARP();
     ROLLED for (;;) {
         ROLLED while (queued < lanes && first < end) {
-            Candidate c[AT_ONCE];
-            bool is_one[AT_ONCE];
-            find_candidates(c, is_one, all, P, count, candidates, first + lane, end, lanes, k);
-            UNROLLED for (int u = 0; u < AT_ONCE; u++) {
-                const unsigned votes = __ballot_sync(0xffffffffu, is_one[u]);
-                if (is_one[u]) all.queue[queued + __popc(votes & (1u << lane) - 1)] = c[u];
-                queued += __popc(votes);
+            const int i = first + lane;
+            Candidate c{0, 0};
+            bool is_one = false;
+            if (i < candidates) {
+                while (k + 1 < count && all.search[k + 1].start <= i) k++;  // the last that starts there: those before are empty
+                unsigned thing;
+                is_one = may_touch(thing, all.search[k], P, i - all.search[k].start, all.far[k]);
+                c = Candidate{(unsigned)k, thing};
+            } else if (i < end) {
+                c = all.touching[i - candidates];
+                is_one = all.is_listed[c.search] && !all.search[c.search].ended;
             }
-            first += AT_ONCE * lanes;
+            const unsigned votes = __ballot_sync(0xffffffffu, is_one);
+            if (is_one) all.queue[queued + __popc(votes & (1u << lane) - 1)] = c;
+            queued += __popc(votes), first += lanes;
             SYNC_WARP();
         }
         if (!queued) break;
@@ -393,13 +339,9 @@ FN int limb_contacts(LimbContact* contacts, const World& w, const Parameters& P,
     WarpSearches& all = warp_searches();
     unsigned long long asked = ~0ull;
     ROLLED do {
-        if (lane == 0) all.count = all.num_near = 0;
-        all.own[lane] = 0;
+        if (lane == 0) all.count = 0;
         SYNC_WARP();
         asked = look_at_geoms(found, all, w, P, slot, asked);
-        SYNC_WARP();
-        look_at_parts(found, all, P, slot, lane, lanes);
-        asked |= all.own[lane];
         SYNC_WARP();
         const int count = all.count < MOST_SEARCHES ? all.count : MOST_SEARCHES;
         if (count) find_hits(found, all, w, P, count, lane, lanes);

@@ -106,84 +106,25 @@ FN int count_items(const Grid& g, const Cells& c) {
         }
     return count;
 }
-// Place in the list of a grid of an item of cells.
-FN int place_of(const Grid& g, const Cells& c, int i) {
+FN int item(const Grid& g, const Cells& c, int i) {
     int layer = c.layer, row = c.row;
     ROLLED for (;;) {
         const int* cells = row_of_cells(g, layer, row);
         int first = cells[c.col], count = cells[c.last_col + 1] - first;
-        if (i < count) return first + i;
+        if (i < count) return g.items[first + i];
         i -= count;
         if (++row > c.last_row) row = c.row, layer++;
     }
 }
 FN Vec normal_of(const MeshFace& f) { return Vec{(real)f.normal[0], (real)f.normal[1], (real)f.normal[2]}; }
 
-#if LIMBS
-// Find the items of a search in rows of cells. Those of few rows are kept, as lanes would wait for the memory row after row.
-FN void find_rows(Search& s, const Grid& g) {
-    const Cells& c = s.cells;
-    const int across = c.last_row - c.row + 1, rows = across * (c.last_layer - c.layer + 1);
-    s.rows = 0, s.size = 0;
-    if (c.col > c.last_col || across <= 0 || rows <= 0) return;
-    if (rows > FEW_ROWS) {
-        s.size = count_items(g, c);
-        return;
-    }
-    s.rows = rows;
-    UNROLLED for (int i = 0; i < FEW_ROWS; i++) {
-        const int k = i < rows ? i : 0;
-        const int* cells = row_of_cells(g, c.layer + k / across, c.row + k % across);
-        s.row_first[i] = cells[c.col], s.row_size[i] = cells[c.last_col + 1] - s.row_first[i];
-    }
-    UNROLLED for (int i = 0; i < FEW_ROWS; i++) s.size += i < rows ? s.row_size[i] : 0;
-}
-#endif
-// Place of an item of a search in the list of its grid.
-FN int place_of(const Search& s, const Grid& g, int i) {
-    if (s.first >= 0) return s.first + i;
-#if LIMBS
-    if (s.rows) {
-        int row = 0;
-        ROLLED for (; row < s.rows - 1 && i >= s.row_size[row]; row++) i -= s.row_size[row];
-        return s.row_first[row] + i;
-    }
-#endif
-    return place_of(g, s.cells, i);
-}
-// The grid that has the candidates of a part.
-FN const Grid& grid_of(const Search& s, const Mesh& mesh) {
-    return s.kind == BOX_PART || s.kind == AXIS_PART ? mesh.edges : mesh.faces;
-}
 // The face or edge of a candidate. That of a box is twice its number, and one more for its second end.
 FN int thing_of(const Search& s, const Mesh& mesh, int candidate) {
     const bool is_box = s.kind == BOX_PART;
-    const Grid& g = grid_of(s, mesh);
-    const int i = is_box ? candidate / 2 : candidate, thing = g.items[place_of(s, g, i)];
+    const Grid& g = is_box || s.kind == AXIS_PART ? mesh.edges : mesh.faces;
+    const int i = is_box ? candidate / 2 : candidate, thing = s.first >= 0 ? g.items[s.first + i] : item(g, s.cells, i);
     return is_box ? 2 * thing + candidate % 2 : thing;
 }
-
-#if LIMBS
-// What tells of most items of a grid that they do not touch. Items of a cell lie side by side, where the things themselves are
-// far apart.
-struct alignas(16) MeshBounds {
-    float normal[3], offset;         // of the plane of a face: a point p relative to the grid is normal p - offset in front of it
-    unsigned short low[3], high[3];  // in units of the grid
-    int number;                      // twice that of the face or edge, and one more for a face of a solid
-};
-// That of a candidate of a part.
-FN MeshBounds bounds_of(const Search& s, const Grid& g, int candidate) {
-    const int i = s.kind == BOX_PART ? candidate / 2 : candidate;
-    const float* from = ((const MeshBounds*)g.bounds)[place_of(s, g, i)].normal;
-    MeshBounds o;
-    float four[4], three[3];
-    load_four(four, from), load_four(three, o.number, from + 4);
-    for (int k = 0; k < 3; k++) o.normal[k] = four[k];
-    o.offset = four[3];
-    memcpy(o.low, three, 12);
-    return o;
-}
-#endif
 
 #if LIMBS
 // Touch of a ball or a corner with the plane of a face.
@@ -308,22 +249,29 @@ FN bool mesh_touch(const Search& s, const Mesh& mesh, int thing, PlaceBox box, b
 
 #if LIMBS
 // Whether a candidate of a part may touch, which takes less time to tell than whether it does: bounds are in reach.
-FN bool may_touch(const Search& s, const Grid& g, const MeshBounds& item, bool far) {
+FN bool may_touch(const Search& s, const Mesh& mesh, int thing, bool far) {
     const real more = (real)1e-4;  // than rounding
     const bool of_edges = s.kind == AXIS_PART || s.kind == BOX_PART;
-    const Vec low{(real)g.low[0], (real)g.low[1], (real)g.low[2]};
-    Vec center = s.geom - low, half{0, 0, 0};
-    if (of_edges) half = Vec{FABS(s.at.x), FABS(s.at.y), FABS(s.at.z)};
-    else center = center + s.at;
-    const real above = dot(center, Vec{(real)item.normal[0], (real)item.normal[1], (real)item.normal[2]}) - item.offset;
+    Vec center = s.geom, half, a, b, c;
     real reach = s.radius + s.reach;
-    if (!of_edges && (s.kind == CORNER_PART || ((item.number & 1) && (far || above < 0)))) reach = larger(reach, s.radius + MESH_DEPTH);
-    reach += more;
-    if (FABS(above) > reach) return false;
-    half = half + reach * Vec{1, 1, 1};
-    const Vec from = g.units_per_metre * (center - half), to = g.units_per_metre * (center + half);
-    return from.x <= item.high[0] && from.y <= item.high[1] && from.z <= item.high[2] && to.x >= item.low[0] &&
-           to.y >= item.low[1] && to.z >= item.low[2];
+    if (of_edges) {
+        const EdgePoints e = points_of(edge_of(mesh.edges, s.kind == BOX_PART ? thing / 2 : thing));
+        a = in_mesh(e.a, center), b = c = in_mesh(e.b, center);
+        reach += more;
+        half = Vec{FABS(s.at.x) + reach, FABS(s.at.y) + reach, FABS(s.at.z) + reach};
+    } else {
+        const MeshFace f = face_at(mesh.faces, thing);
+        const real depth = s.radius + MESH_DEPTH, above = dot(s.at - in_mesh(f.a, center), normal_of(f));
+        if (s.kind == CORNER_PART || (f.is_solid && (far || above < 0))) reach = larger(reach, depth);
+        reach += more;
+        if (FABS(above) > reach) return false;
+        center = center + s.at, half = reach * Vec{1, 1, 1};
+        a = in_mesh(f.a, center), b = in_mesh(f.b, center), c = in_mesh(f.c, center);
+    }
+    const auto meets = [](real by, real x, real y, real z) {
+        return smaller(smaller(x, y), z) <= by && larger(larger(x, y), z) >= -by;
+    };
+    return meets(half.x, a.x, b.x, c.x) && meets(half.y, a.y, b.y, c.y) && meets(half.z, a.z, b.z, c.z);
 }
 #endif
 
@@ -376,11 +324,7 @@ FN bool prepare(Search& s, PartKind kind, int end, real margin, const Mesh& mesh
     }
     if (!of_edges) b.half = far * Vec{1, 1, 1};
     s.cells = cells_near(grid, center - b.half, center + b.half);
-#if LIMBS
-    find_rows(s, grid);
-#else
     s.size = count_items(grid, s.cells);
-#endif
     if (s.cells.row == s.cells.last_row && s.cells.layer == s.cells.last_layer && s.size)
         s.first = row_of_cells(grid, s.cells.layer, s.cells.row)[s.cells.col];
     if (kind == BOX_PART) s.size *= 2;

@@ -55,9 +55,6 @@ struct Grid {
     const int* items;   // numbers of the faces or edges, cell by cell
     const void* things; // MeshFace or MeshEdge
     const int* planes;  // of each cell a face for whose plane all of its faces may be taken, or -1; none for edges
-    const void* bounds; // MeshBounds of each item
-    float units_per_metre;  // of bounds
-    int none;
 };
 // A grid of distances to the nearest face and the nearest edge, as in mesh_grid.py: the centre of a cell is not nearer to one
 // than the cell says.
@@ -96,7 +93,6 @@ struct Touch {
 #endif
 };
 
-enum { FEW_ROWS = 4 };
 // The search for touches of a part of a geom.
 struct Search {
     Vec geom;            // the geom's centre in the frame of the ground
@@ -115,10 +111,6 @@ struct Search {
     bool ended;
 #if LIMBS
     bool on_plane;              // whether its candidates are the plane of a face, the number of which is `first`
-#if HAS_MESHES
-    unsigned char rows;         // rows of cells that have its items, if they are few, else 0
-    int row_first[FEW_ROWS], row_size[FEW_ROWS];  // of each the place of its first item in the grid's list, and their number
-#endif
 #endif
     unsigned char hit[4];       // their numbers among the touches that were found
 #if SEARCH_LANES > 1
