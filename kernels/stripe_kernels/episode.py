@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Episode bookkeeping of a step: the log, random streams, and guards against numbers that are not finite."""
 
-from typing import Any
-
 import warp as wp
 
 from .data import ArticulationData
@@ -17,7 +15,6 @@ __all__ = [
     "finite_action",
     "log_add",
     "make_actions_finite",
-    "prefetch",
     "reset_targets",
     "restore_row",
     "row_is_finite",
@@ -30,20 +27,6 @@ LOG_COUNT = wp.constant(1)
 """Log entry: sum over the environments."""
 LOG_LAST = wp.constant(2)
 """Log entry: sum in the last step in which an environment added to it."""
-
-
-# Warp has no prefetch, so PTX says it. Nothing waits for a prefetch, whereas a load would stall the loads behind it.
-_PREFETCH = """
-#if defined(__CUDA_ARCH__)
-    if (byte < row.shape[0] * row.strides[0])
-        asm volatile("prefetch.global.L1 [%0];" :: "l"((const char*)row.data + byte));
-#endif
-"""
-
-
-@wp.func_native(_PREFETCH)
-def prefetch(row: wp.array(dtype=Any, ndim=1), byte: int):
-    """Prefetch the 32 bytes around a byte of a row into the L1 cache, without waiting; does nothing on the CPU."""
 
 
 @wp.func

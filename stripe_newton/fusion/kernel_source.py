@@ -154,8 +154,8 @@ class _KernelWriter:
         if not arrays:
             return "", []
         lines = layout_lines(arrays, self._num_envs)
-        asked = prefetch_lines(arrays, self._num_envs, has_rows=not self._layout.parts)
-        if asked:
+        if not self._layout.parts:  # threads of parts read few numbers each
+            asked = prefetch_lines(arrays, self._num_envs)
             lines += ["#if defined(__CUDA_ARCH__)", *PREFETCH.splitlines(), *asked, "#endif"]
         given = [name for name in arguments if any(e.partition(".")[0] == name for e in arrays)]
         references = [f"{n}: wp.ref[{self._annotation(self._scope.values[n])}]," for n in given]

@@ -20,7 +20,7 @@ PREFETCH = """\
 auto ask = [](const void* data, int byte) {
     asm volatile("prefetch.global.L1 [%0];" ::"l"((const char*)data + byte));
 };
-const int lane = threadIdx.x & 31, first_env = env - lane;
+const int lane = env & 31, first_env = env - lane;
 auto ask_rows = [&](const void* data, int row, int bytes) {
     for (int k = 0; 1024 * k < bytes; ++k)
         if (1024 * k + 32 * lane < bytes) ask((const char*)data + size_t(first_env) * row, 1024 * k + 32 * lane);
@@ -36,13 +36,12 @@ _MAX_ROW = 512
 """Longest row of an environment that is prefetched [bytes]."""
 
 
-def prefetch_lines(arrays: Mapping[str, wp.array], num_envs: int, has_rows: bool = True) -> list[str]:
+def prefetch_lines(arrays: Mapping[str, wp.array], num_envs: int) -> list[str]:
     """Lines of C++ that prefetch the rows of a warp's environments, and the beginnings of tables that all share.
 
     Args:
         arrays: Arrays by the expressions that name them.
         num_envs: Number of environments.
-        has_rows: Whether a thread has an environment of its own, and reads rows. Threads of parts read few numbers.
     """
     tables, rows = [], []
     reached: dict[int, int] = {}
@@ -52,7 +51,7 @@ def prefetch_lines(arrays: Mapping[str, wp.array], num_envs: int, has_rows: bool
         row = array.strides[0]
         if array.shape[0] != num_envs:
             tables.append(f"ask_table({expression}.data, {min(array.shape[0] * row, 1024)});")
-        elif has_rows and row <= _MAX_ROW and array.ptr >= reached.get(row, 0):
+        elif row <= _MAX_ROW and array.ptr >= reached.get(row, 0):
             reached[row] = array.ptr + row
             rows.append((expression, f"    ask_rows({expression}.data, {row}, {31 * row + _width(array)});"))
     if not rows:

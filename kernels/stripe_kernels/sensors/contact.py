@@ -11,8 +11,6 @@ the end of the step.
 
 import warp as wp
 
-from ..episode import prefetch
-
 __all__ = [
     "ContactSensorData",
     "add_force",
@@ -205,17 +203,12 @@ def measure_contacts(
         sensor: The sensor to write.
     """
     env, body = wp.tid()
-    table = env % geom_row.shape[0]
-    # All at once, where each contact would wait for its geoms, their rows, its force: threads ask for 32 bytes each.
-    prefetch(contact_geoms[env], 32 * body)
-    prefetch(contact_forces[env], 32 * body)
-    prefetch(geom_row[table], 32 * body)
-    prefetch(geom_column[table], 32 * body)
-    # Read here, the times are there once the forces are summed: a load does not move ahead of a store by itself.
-    times = _read_times(env, body, remainder, sensor)
     if not due[env]:
         return
+    # Read here, the times are there once the forces are summed: a load does not move ahead of a store by itself.
+    times = _read_times(env, body, remainder, sensor)
     _shift_history(env, body, sensor)
+    table = env % geom_row.shape[0]
     net = wp.vec3()
     for contact in range(contact_geoms.shape[1]):
         pair = contact_geoms[env, contact]
