@@ -61,7 +61,7 @@ def with_own_options(command: str, argv: Sequence[str]) -> list[str]:
         word = rest.pop(0)
         name, equals, value = word.partition("=")
         option = name.replace("_", "-")
-        if option == "--task" and (equals or rest):
+        if option == "--task" and command != "export" and (equals or rest):  # which has one of its own
             words.append(value if equals else rest.pop(0))
         elif override := _OVERRIDE.fullmatch(word):
             words += [f"--{override['name']}", *_values(override["value"])]

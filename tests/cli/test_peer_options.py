@@ -18,6 +18,11 @@ def test_a_task_by_option_is_the_task(given):
     assert with_own_options("play", [*given, "--enable_cameras", "--viewer", "video"]) == ["A-v0", "--viewer", "video"]
 
 
+def test_export_has_a_task_option_of_its_own():
+    words = ["alone.pt", "--task", "A-v0"]
+    assert with_own_options("export", words) == words
+
+
 def test_fields_by_hydras_syntax_are_options():
     given = ["A-v0", "env.sim.dt=0.01", "agent.actor.hidden_dims=[64, 32]", "--seed", "3"]
     wanted = ["A-v0", "--env.sim.dt", "0.01", "--agent.actor.hidden_dims", "64", "32", "--seed", "3"]

@@ -216,11 +216,14 @@ def _compiled(source: str) -> ctypes.CDLL:
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / f"{name}.so"
     if not target.exists():
-        made = folder / f"{name}.cpp"
-        made.write_text(source)
         command = [compiler, "-O1", "-std=c++17", "-fPIC", "-shared", "-w", "-ffp-contract=off"]
-        done = subprocess.run([*command, str(made), "-o", str(target)], capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr[:3000]
+        # Renamed when it is whole: other processes of the tests load it as soon as it is there.
+        with tempfile.TemporaryDirectory(dir=folder) as made:
+            (text := Path(made, f"{name}.cpp")).write_text(source)
+            whole = text.with_suffix(".so")
+            done = subprocess.run([*command, str(text), "-o", str(whole)], capture_output=True, text=True)
+            assert done.returncode == 0, done.stderr[:3000]
+            whole.replace(target)
     return ctypes.CDLL(str(target))
 
 

@@ -151,6 +151,9 @@ class BoxEnv:
         self.episode_length_buf += 1
         self.reset_buf = self.episode_length_buf >= self.max_episode_length
 
+    def update_debug_vis(self) -> None:
+        """It draws no markers of its own."""
+
     def reset(self) -> None:
         """Put all boxes back."""
         self.sim.state.body_q.assign(self._start)
