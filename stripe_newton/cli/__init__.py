@@ -154,7 +154,7 @@ def _dispatch(args: list[str], is_program: bool = False) -> int:
         hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(COMMANDS)}"
         raise UserError(f"no command '{args[0]}'; {hint}")
     from .early_checks import check_early, with_flag_values  # likewise, and tyro
-    from .peer_options import with_own_options
+    from .foreign_options import with_own_options
 
     words = with_flag_values(args[0], with_own_options(args[0], args[1:]))
     check_early(args[0], words)

@@ -16,6 +16,7 @@ import newton
 import warp as wp
 from pxr import Usd, UsdGeom
 
+from stripe_newton.config_dicts import from_dict
 from stripe_newton.configclass import Config, ConfigError
 from stripe_newton.robot_files import RobotFileError, import_robot_file, rename_model, split_links
 from stripe_newton.sim.spawners.from_files import FILE_KEY, FixedTendonCfg, MjcfFileCfg, UrdfFileCfg
@@ -141,14 +142,13 @@ def _config(prim: Usd.Prim, key: str, kind: type[C], fields: object) -> C:
     Raises:
         StageError: with all problems of it.
     """
-    known = [field.name for field in dataclasses.fields(kind)]
     if not isinstance(fields, Mapping):
         raise _wrong(prim, key, f"is {short(fields)}, must be a JSON object")
-    if unknown := [name for name in fields if name not in known or name == "func"]:
-        raise _wrong(prim, key, f"'{unknown[0]}' is not known")
+    if "func" in fields:  # what spawns: a file chooses no code
+        raise _wrong(prim, key, "'func' is not known")
+    cfg = kind()
     try:
-        cfg = kind(**{name: _tuple(value) if name in ("solimp", "root_pose", "limits") else value
-                      for name, value in fields.items()})  # fmt: skip
+        from_dict(cfg, fields)
         cfg.validate()
     except ConfigError as error:
         raise _wrong(prim, key, "; ".join(error.problems)) from None

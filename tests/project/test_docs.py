@@ -20,7 +20,7 @@ import tyro
 from stripe_newton.cli import COMMANDS, main
 from stripe_newton.cli.arguments import parse
 from stripe_newton.cli.early_checks import with_flag_values
-from stripe_newton.cli.peer_options import with_own_options
+from stripe_newton.cli.foreign_options import with_own_options
 from stripe_newton.cli.tasks import import_extra, load_cfg, task_ids
 from tests.helpers.checkout import ROOT
 from tools.documentation import first_hour

@@ -84,7 +84,7 @@ def step(count: int, args: argparse.Namespace) -> Entry:
     from stripe_newton.envs.measure import benchmark
     from stripe_tasks.forest import ForestSpec
     from stripe_tasks.forest.walk import training
-    from stripe_tasks.velocity.manager_based import RoughObservationsCfg
+    from stripe_tasks.velocity import RoughObservationsCfg
 
     side = extent(max(count, 1000))
     resolution = 0.25 if side <= 500.0 else 0.5

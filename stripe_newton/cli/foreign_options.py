@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Peer options: options of the scripts of Isaac Lab and mjlab, which are understood or explained here."""
+"""Foreign options: what scripts of Isaac Lab and mjlab take, as options of a command, or as errors that name those."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ __all__ = ["with_own_options"]
 
 _WITHOUT_EFFECT = ("--headless", "--enable-cameras")
 """Flags that ask for what always holds: there is no window, and cameras need no renderer to be enabled."""
+_WITH_TASK_OPTION = ("export",)
+"""Commands that have an option ``--task`` of their own; of others the task is the first argument."""
 _FILMS = "the trained policy is filmed at the end; --video-interval K films every K iterations"
 _LENGTH = "a film of the training is an episode or 10 s long; play TASK --viewer video --steps N sets the length"
 _INSTEAD = {
@@ -38,9 +40,7 @@ _INSTEAD = {
         "--livestream": "--viewer viser shows the policy in a browser",
     },
 }
-"""What to write for an option of the peers' scripts, by command. Underscores in their names count as hyphens."""
-
-
+"""What to write for an option of those scripts, by command. Underscores in their names count as hyphens."""
 _OVERRIDE = re.compile(r"(?P<name>(env|agent)(\.\w+)+)=(?P<value>.+)", re.DOTALL)
 """A field by Hydra's syntax, as scripts of Isaac Lab take them: ``env.sim.dt=0.01``."""
 
@@ -61,7 +61,7 @@ def with_own_options(command: str, argv: Sequence[str]) -> list[str]:
         word = rest.pop(0)
         name, equals, value = word.partition("=")
         option = name.replace("_", "-")
-        if option == "--task" and command != "export" and (equals or rest):  # which has one of its own
+        if option == "--task" and command not in _WITH_TASK_OPTION and (equals or rest):
             words.append(value if equals else rest.pop(0))
         elif override := _OVERRIDE.fullmatch(word):
             words += [f"--{override['name']}", *_values(override["value"])]

@@ -7,8 +7,8 @@ import pytest
 
 import stripe_tasks  # noqa: F401  (registers the tasks)
 from stripe_newton.cli import main
+from stripe_newton.cli.foreign_options import _INSTEAD, with_own_options
 from stripe_newton.cli.options import OPTIONS
-from stripe_newton.cli.peer_options import _INSTEAD, with_own_options
 from stripe_newton.cli.tasks import load_cfg
 
 
